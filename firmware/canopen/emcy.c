@@ -1,0 +1,78 @@
+#include "canopen/emcy.h"
+
+#include <string.h>
+
+#include "canopen/node_time.h"
+
+#define QUEUE_SIZE 8U
+#define HISTORY_SIZE 8U
+
+void emcy_init(emcy_t *emcy) {
+    memset(emcy, 0, sizeof *emcy);
+    emcy->since_us = UINT32_MAX; /* the first one need not wait */
+}
+
+static uint8_t register_bits(emcy_code_t code) {
+    const uint8_t kind =
+        ((uint32_t)code & 0xFF00U) == 0x8100U || ((uint32_t)code & 0xFF00U) == 0x8200U
+            ? ERROR_REGISTER_COMMUNICATION
+            : ERROR_REGISTER_DRIVE;
+    return (uint8_t)(kind | ERROR_REGISTER_GENERIC);
+}
+
+static void push(uint16_t code, uint8_t error_register, uint8_t source, int32_t detail,
+                 const object_dictionary_t *od, emcy_t *emcy) {
+    if (emcy->count == QUEUE_SIZE) {
+        return; /* the history has it */
+    }
+    const uint32_t bits = (uint32_t)detail;
+    const can_frame_t frame = {
+        .id = (uint16_t)od->cob_id_emcy,
+        .len = 8,
+        .data = {(uint8_t)code, (uint8_t)(code >> 8), error_register, source, (uint8_t)bits,
+                 (uint8_t)(bits >> 8), (uint8_t)(bits >> 16), (uint8_t)(bits >> 24)},
+    };
+    emcy->frames[(emcy->first + emcy->count) % QUEUE_SIZE] = frame;
+    emcy->count++;
+}
+
+static void remember(uint32_t code, uint8_t source, object_dictionary_t *od) {
+    memmove(&od->pre_defined_error_field[1], &od->pre_defined_error_field[0],
+            sizeof od->pre_defined_error_field - sizeof od->pre_defined_error_field[0]);
+    od->pre_defined_error_field[0] = code | ((uint32_t)source << 16);
+    if (od->pre_defined_error_field_number_of_errors < HISTORY_SIZE) {
+        od->pre_defined_error_field_number_of_errors++;
+    }
+}
+
+void emcy_raise(emcy_code_t code, uint8_t source, int32_t detail, object_dictionary_t *od,
+                emcy_t *emcy) {
+    od->error_register |= register_bits(code);
+    emcy_report(code, source, detail, od, emcy);
+}
+
+void emcy_report(emcy_code_t code, uint8_t source, int32_t detail, object_dictionary_t *od,
+                 emcy_t *emcy) {
+    remember((uint32_t)code, source, od);
+    push((uint16_t)code, od->error_register | register_bits(code), source, detail, od, emcy);
+}
+
+void emcy_clear(object_dictionary_t *od, emcy_t *emcy) {
+    if (od->error_register != 0U) {
+        od->error_register = 0;
+        push(EMCY_NO_ERROR, 0, 0, 0, od, emcy);
+    }
+}
+
+bool emcy_next(const object_dictionary_t *od, uint32_t elapsed_us, bool may_send, emcy_t *emcy,
+               can_frame_t *frame) {
+    emcy->since_us = node_time_add(emcy->since_us, elapsed_us);
+    if (!may_send || emcy->count == 0U || emcy->since_us < od->inhibit_time_emcy * 100U) {
+        return false;
+    }
+    *frame = emcy->frames[emcy->first];
+    emcy->first = (uint8_t)((emcy->first + 1U) % QUEUE_SIZE);
+    emcy->count--;
+    emcy->since_us = 0;
+    return true;
+}

@@ -1,0 +1,102 @@
+#include "control/fic.h"
+
+void fic_reset(int32_t position_inc, fic_t *fic) {
+    const fic_t at_rest = {.extreme_inc = position_inc};
+    *fic = at_rest;
+}
+
+static bool moved_back(const fic_config_t *config, int32_t from_inc, int32_t to_inc) {
+    return ((int64_t)from_inc - to_inc) * 256 > config->delta_inc256;
+}
+
+static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t *input,
+                                  fic_t *fic) {
+    const int32_t q = input->position_inc;
+    if (fic->direction >= 0) {
+        if (q >= fic->extreme_inc) {
+            if (q > fic->extreme_inc) {
+                fic->age_us = 0;
+            }
+            fic->extreme_inc = q;
+        } else if (moved_back(config, fic->extreme_inc, q)) {
+            fic->direction = -1;
+            fic->extreme_inc = q;
+            fic->age_us = 0;
+        }
+    } else {
+        if (q <= fic->extreme_inc) {
+            if (q < fic->extreme_inc) {
+                fic->age_us = 0;
+            }
+            fic->extreme_inc = q;
+        } else if (moved_back(config, q, fic->extreme_inc)) {
+            fic->direction = 1;
+            fic->extreme_inc = q;
+            fic->age_us = 0;
+        }
+    }
+    if (fic->age_us <= config->stall_time_us) { /* stays a little beyond, never wraps */
+        fic->age_us += input->elapsed_us;
+    }
+    return fic->age_us > config->stall_time_us ? 0 : fic->direction;
+}
+
+static void latch(angle_t a, torque_t f, fic_t *fic) {
+    fic->a_max_rad = a;
+    fic->f_max_Nm = f;
+}
+
+static void phase_by_body_motion(const fic_config_t *config, const fic_input_t *input, angle_t a,
+                                 torque_t f, bool crossed, fic_t *fic) {
+    const int8_t direction = direction_of_motion(config, input, fic);
+    fic->converging =
+        (direction > 0 && input->error_rad > 0.0f) || (direction < 0 && input->error_rad < 0.0f);
+    if (crossed || !fic->converging || a > fic->a_max_rad) {
+        latch(a, f, fic);
+    }
+}
+
+static void phase_by_error_growth(const fic_config_t *config, angle_t a, torque_t f, bool crossed,
+                                  fic_t *fic) {
+    if (crossed) {
+        fic->converging = false;
+        fic->extreme_rad = a;
+        latch(a, f, fic);
+    } else if (!fic->converging) {
+        if (a >= fic->a_max_rad) {
+            latch(a, f, fic);
+        } else if (a < fic->a_max_rad - config->delta_rad) {
+            fic->converging = true;
+            fic->extreme_rad = a;
+        }
+    } else if (a <= fic->extreme_rad) {
+        fic->extreme_rad = a;
+    } else if (a > fic->extreme_rad + config->delta_rad) {
+        fic->converging = false;
+        latch(a, f, fic);
+    }
+}
+
+torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
+                  const fic_input_t *input, fic_t *fic) {
+    const angle_t a = angle_abs(input->error_rad);
+    const torque_t f = torque_profile(profile, a);
+    const int8_t sign = input->error_rad < 0.0f ? -1 : 1;
+    const bool crossed = sign != fic->sign;
+    fic->sign = sign;
+    if (config->phase_rule == FIC_ERROR_GROWTH) {
+        phase_by_error_growth(config, a, f, crossed, fic);
+    } else {
+        phase_by_body_motion(config, input, a, f, crossed, fic);
+    }
+
+    torque_t torque = f;
+    if (fic->converging) {
+        const torque_t spring =
+            fic->a_max_rad > 0.0f
+                ? torque_scaled(fic->f_max_Nm, a + a - fic->a_max_rad, fic->a_max_rad)
+                : 0.0f;
+        torque = torque_min(spring, f);
+    }
+    return sign < 0 ? -torque : torque;
+}

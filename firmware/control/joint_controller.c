@@ -1,0 +1,61 @@
+#include "control/joint_controller.h"
+
+void joint_controller_reset(int32_t position_inc, const joint_command_t *command,
+                            joint_controller_t *controller) {
+    controller->before = *command;
+    controller->now = *command;
+    controller->tick = 0;
+    fic_reset(position_inc, &controller->fic);
+}
+
+void joint_controller_command(const joint_command_t *command, joint_controller_t *controller) {
+    controller->before = controller->now;
+    controller->now = *command;
+    controller->tick = 0;
+}
+
+void joint_controller_hold(int32_t position_inc, joint_controller_t *controller) {
+    controller->now.position_inc = position_inc;
+    controller->before = controller->now;
+}
+
+void joint_controller_step(const joint_controller_config_t *config, int32_t position_inc,
+                           uint32_t elapsed_us, joint_controller_t *controller,
+                           joint_controller_output_t *output) {
+    const joint_command_t *before = &controller->before;
+    const joint_command_t *now = &controller->now;
+    const int32_t parts = config->ticks_per_sync;
+    const int32_t part = parts == 1 ? 1 : controller->tick;
+    if (controller->tick < config->ticks_per_sync) {
+        controller->tick++;
+    }
+
+    const int64_t error_steps = ((int64_t)before->position_inc - position_inc) * parts +
+                                ((int64_t)now->position_inc - before->position_inc) * part;
+    const int32_t torque =
+        before->torque_mNm * parts + (now->torque_mNm - before->torque_mNm) * part;
+    const int32_t torque_max =
+        before->torque_max_mNm * parts + (now->torque_max_mNm - before->torque_max_mNm) * part;
+    const torque_t t_d = torque_abs(torque_from_mNm(torque, config->ticks_per_sync));
+    const torque_t t_max = torque_from_mNm(torque_max, config->ticks_per_sync);
+
+    const torque_profile_t profile = {
+        .q_a_rad = config->q_a_rad,
+        .q_p_rad = config->q_p_rad,
+        .q_b_rad = config->q_b_rad,
+        .t1_Nm = torque_min(t_d, t_max),
+        .t2_Nm = t_max,
+    };
+    const fic_input_t input = {
+        .position_inc = position_inc,
+        .error_rad = angle_from_steps(&config->scale, error_steps),
+        .elapsed_us = elapsed_us,
+    };
+    const torque_t asked = fic_step(&config->fic, &profile, &input, &controller->fic);
+
+    output->torque_Nm = torque_clamp(asked, config->torque_limit_Nm);
+    output->limited = output->torque_Nm != asked;
+    output->torque_max_Nm = t_max;
+    output->f_max_Nm = controller->fic.f_max_Nm;
+    output->error_rad = input.error_rad;
+}

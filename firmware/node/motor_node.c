@@ -1,0 +1,434 @@
+#include "node/motor_node.h"
+
+#include <string.h>
+
+#include "canopen/node_time.h"
+#include "node/node_drive.h"
+#include "node/node_objects.h"
+#include "od/od_access.h"
+
+#define LSS_REQUEST_COB_ID 0x7E5U
+#define FUNCTION_CODE 0x780U
+#define NODE_ID 0x07FU
+
+bool motor_node_accepts(uint8_t node_id, uint16_t cob_id) {
+    const uint16_t sender = cob_id & NODE_ID;
+    switch (cob_id & FUNCTION_CODE) {
+    case NMT_COB_ID:
+        return cob_id == NMT_COB_ID;
+    case SYNC_COB_ID: /* and emergencies */
+    case HEARTBEAT_COB_ID:
+        return cob_id != HEARTBEAT_COB_ID && sender != node_id;
+    case OD_RPDO1_COB_ID:
+    case OD_RPDO2_COB_ID:
+    case OD_RPDO4_COB_ID:
+    case SDO_REQUEST_COB_ID:
+        return sender == node_id;
+    default:
+        return cob_id == LSS_REQUEST_COB_ID;
+    }
+}
+
+static void reset_communication(const motor_node_config_t *config, motor_node_t *node) {
+    object_dictionary_t defaults;
+    const uint8_t error_register = node->od.error_register; /* a fault outlasts this reset */
+    object_dictionary_init(config->node_id, &defaults);
+    defaults.identity_object_serial_number = config->serial_number;
+    od_copy_communication(&defaults, &node->od);
+    node->od.error_register = error_register;
+
+    node->nmt = NMT_PRE_OPERATIONAL;
+    node->boot_up_sent = false;
+    node->own_id_heard = false;
+    memset(&node->sync, 0, sizeof node->sync);
+    memset(&node->sdo, 0, sizeof node->sdo);
+    memset(&node->heartbeat_producer, 0, sizeof node->heartbeat_producer);
+    memset(&node->heartbeat_consumer, 0, sizeof node->heartbeat_consumer);
+    memset(&node->to_send, 0, sizeof node->to_send);
+}
+
+void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
+    memset(node, 0, sizeof *node);
+    object_dictionary_init(config->node_id, &node->od);
+    emcy_init(&node->emcy);
+    reset_communication(config, node);
+    drive_init(&node->drive);
+    node->referenced = config->referenced;
+}
+
+static void send(const can_frame_t *frame, motor_node_t *node) {
+    if (!frame_queue_push(frame, &node->to_send)) {
+        node_count(&node->od.counters_frames_not_sent, 1);
+    }
+}
+
+static void follow_nmt(nmt_state_t before, motor_node_t *node) {
+    if (before == node->nmt) {
+        return;
+    }
+    if (node->nmt == NMT_OPERATIONAL) {
+        sync_restart(&node->sync);
+        node->tpdo2.changed = true;
+    }
+    if (before == NMT_OPERATIONAL) {
+        node->command_waiting = false;
+        node->command_acted = false;
+        node_drive_connection_lost(node);
+    }
+    if (node->nmt == NMT_STOPPED) {
+        node->sdo.state = SDO_IDLE;
+    }
+}
+
+static void receive_nmt(const motor_node_config_t *config, const can_frame_t *frame,
+                        motor_node_t *node) {
+    const nmt_state_t before = node->nmt;
+    const nmt_reset_t reset = nmt_receive(config->node_id, frame, &node->nmt);
+    if (reset == NMT_RESET_NODE) {
+        node->reset_requested = true;
+    } else if (reset == NMT_RESET_COMMUNICATION) {
+        node->nmt = NMT_PRE_OPERATIONAL;
+        follow_nmt(before, node);
+        reset_communication(config, node);
+    } else {
+        follow_nmt(before, node);
+    }
+}
+
+static sync_config_t sync_config(const object_dictionary_t *od) {
+    const sync_config_t config = {.overflow = od->synchronous_counter_overflow_value,
+                                  .period_us = od->communication_cycle_period};
+    return config;
+}
+
+static void count_missed(uint32_t missed, motor_node_t *node) {
+    const uint8_t allowed = node->od.allowed_missed_sync;
+    node_count(&node->od.counters_missed_sync, missed);
+    if (missed != 0U && allowed != UINT8_MAX && node->sync.overdue > allowed &&
+        drive_wants_output(&node->drive)) {
+        node_drive_fault(EMCY_MISSED_SYNC, 0, (int32_t)node->sync.overdue, true, node);
+    }
+}
+
+/** The RPDO1 that waits for SYNC becomes the acting command. */
+static void act_on_command(motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    if (node->command_waiting) {
+        node->command_waiting = false;
+        if (object_dictionary_unpack_rpdo1(node->waiting_command.data, od)) {
+            node->command_acted = true;
+            node->since_command_us = 0;
+        } else {
+            node_count(&od->counters_rpdo_rejected, 1);
+        }
+    }
+    if (!node->holding) {
+        const joint_command_t command = {.position_inc = od->target_position,
+                                         .torque_mNm = od->target_torque,
+                                         .torque_max_mNm = od->max_torque};
+        joint_controller_command(&command, &node->controller);
+    }
+}
+
+/** True when the SYNC acts. */
+static bool receive_sync(const can_frame_t *frame, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const sync_config_t config = sync_config(od);
+    const sync_result_t result = sync_receive(&config, frame, &node->sync);
+    if (result.report_length) {
+        emcy_report(EMCY_SYNC_LENGTH, 0, frame->len, od, &node->emcy);
+    }
+    node_count(&od->counters_duplicate_sync, result.duplicate ? 1 : 0);
+    node_count(&od->counters_sync_counter_jumps, result.jump ? 1 : 0);
+    count_missed(result.missed, node);
+    if (result.acts) {
+        act_on_command(node);
+    }
+    return result.acts;
+}
+
+/** False when the frame is too short to be processed. */
+static bool check_rpdo(uint8_t number, uint8_t length, const can_frame_t *frame, rpdo_t *rpdo,
+                       motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const rpdo_result_t result = rpdo_receive(length, frame, rpdo);
+    node_count(&od->counters_rpdo_rejected, result.length == PDO_TOO_SHORT ? 1 : 0);
+    node_count(&od->counters_rpdo_too_long, result.length == PDO_TOO_LONG ? 1 : 0);
+    if (result.report) {
+        emcy_report(result.length == PDO_TOO_SHORT ? EMCY_PDO_TOO_SHORT : EMCY_PDO_TOO_LONG, number,
+                    frame->len, od, &node->emcy);
+    }
+    return result.length != PDO_TOO_SHORT;
+}
+
+static void receive_rpdo1(const can_frame_t *frame, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    if (!check_rpdo(1, OD_RPDO1_LENGTH, frame, &node->rpdo1, node)) {
+        return;
+    }
+    if (od->synchronous_window_length != 0U &&
+        node->sync.since_us > od->synchronous_window_length) {
+        node_count(&od->counters_rpdo_rejected, 1);
+        return;
+    }
+    node_count(&od->counters_rpdo1_overwritten, node->command_waiting ? 1 : 0);
+    node->waiting_command = *frame;
+    node->command_waiting = true;
+}
+
+static void receive_rpdo2(const can_frame_t *frame, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const int8_t mode_before = od->modes_of_operation;
+    if (!check_rpdo(2, OD_RPDO2_LENGTH, frame, &node->rpdo2, node)) {
+        return;
+    }
+    if (!object_dictionary_unpack_rpdo2(frame->data, od)) {
+        node_count(&od->counters_rpdo_rejected, 1);
+        return;
+    }
+    uint16_t refused_mode = 0;
+    if (od->modes_of_operation == MODE_NONE) {
+        od->modes_of_operation = mode_before;
+    } else {
+        node_drive_mode(od->modes_of_operation, node);
+        refused_mode = node->refusals;
+    }
+    node_drive_controlword(od->controlword, node);
+    node->refusals |= refused_mode;
+}
+
+static void receive_rpdo4(const can_frame_t *frame, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    if (od->sensor_source == 0U) {
+        node_count(&od->counters_rpdo4_refused, 1);
+        return;
+    }
+    if (check_rpdo(4, OD_RPDO4_LENGTH, frame, &node->rpdo4, node)) {
+        (void)object_dictionary_unpack_rpdo4(frame->data, od); /* every value is in range */
+        node->position_known = true;
+        node->since_position_us = 0;
+    }
+}
+
+static void receive_sdo(const can_frame_t *frame, motor_node_t *node) {
+    const sdo_target_t target = {
+        .device_functions = &node_objects, .device = node, .od = &node->od};
+    can_frame_t response;
+    if (sdo_server_receive(&target, frame, &node->sdo, &response)) {
+        send(&response, node);
+    }
+}
+
+static void receive_emergency(const can_frame_t *frame, motor_node_t *node) {
+    const int32_t code = frame->data[0] | (frame->data[1] << 8);
+    for (size_t i = 0; i < sizeof node->od.emergency_consumer_object / sizeof(uint32_t); i++) {
+        if (node->od.emergency_consumer_object[i] == frame->id && frame->len >= 2U && code != 0 &&
+            drive_has_output(&node->drive)) {
+            node_drive_fault(EMCY_HEARTBEAT, (uint8_t)(frame->id & NODE_ID), code, true, node);
+        }
+    }
+}
+
+static void hear_own_id(const motor_node_config_t *config, const can_frame_t *frame,
+                        motor_node_t *node) {
+    if (!node->own_id_heard) {
+        node_drive_fault(EMCY_OWN_NODE_ID, config->node_id, frame->id, true, node);
+        node->own_id_heard = true;
+    }
+}
+
+/** True when the frame is a SYNC that acts. */
+static bool receive(const motor_node_config_t *config, const can_frame_t *frame,
+                    motor_node_t *node) {
+    const uint16_t sender = frame->id & NODE_ID;
+    const bool own = sender == config->node_id;
+    const bool operational = node->nmt == NMT_OPERATIONAL;
+    if (frame->id == NMT_COB_ID) {
+        receive_nmt(config, frame, node);
+        return false;
+    }
+    if (frame->id == SYNC_COB_ID) {
+        return operational && receive_sync(frame, node);
+    }
+    switch (frame->id & FUNCTION_CODE) {
+    case EMCY_COB_ID:
+        if (own) {
+            hear_own_id(config, frame, node);
+        } else if (node->nmt != NMT_STOPPED) {
+            receive_emergency(frame, node);
+        }
+        break;
+    case HEARTBEAT_COB_ID:
+        if (own) {
+            hear_own_id(config, frame, node);
+        } else {
+            heartbeat_receive(node->od.consumer_heartbeat_time, frame, &node->heartbeat_consumer);
+        }
+        break;
+    case OD_TPDO1_COB_ID:
+    case OD_TPDO2_COB_ID:
+    case SDO_RESPONSE_COB_ID:
+        if (own) {
+            hear_own_id(config, frame, node);
+        }
+        break;
+    case OD_RPDO1_COB_ID:
+        if (own && operational) {
+            receive_rpdo1(frame, node);
+        }
+        break;
+    case OD_RPDO2_COB_ID:
+        if (own && operational) {
+            receive_rpdo2(frame, node);
+        }
+        break;
+    case OD_RPDO4_COB_ID:
+        if (own && operational) {
+            receive_rpdo4(frame, node);
+        }
+        break;
+    case SDO_REQUEST_COB_ID:
+        if (own && node->nmt != NMT_STOPPED) {
+            receive_sdo(frame, node);
+        }
+        break;
+    default:
+        break;
+    }
+    return false;
+}
+
+static void lose_heartbeat(uint8_t lost_node, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    if (drive_has_output(&node->drive)) {
+        node_drive_fault(EMCY_HEARTBEAT, lost_node, 0, true, node);
+    } else {
+        emcy_report(EMCY_HEARTBEAT, lost_node, 0, od, &node->emcy);
+    }
+    const nmt_state_t before = node->nmt;
+    if (od->error_behaviour_communication_error == 0U && before == NMT_OPERATIONAL) {
+        node->nmt = NMT_PRE_OPERATIONAL;
+    } else if (od->error_behaviour_communication_error == 2U) {
+        node->nmt = NMT_STOPPED;
+    }
+    follow_nmt(before, node);
+}
+
+static void let_time_pass(uint32_t elapsed_us, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const sync_config_t config = sync_config(od);
+    can_frame_t response;
+    node->since_command_us = node_time_add(node->since_command_us, elapsed_us);
+    const uint32_t missed = sync_elapse(&config, elapsed_us, &node->sync);
+    if (node->nmt == NMT_OPERATIONAL) {
+        count_missed(missed, node);
+    }
+    if (sdo_server_elapse(od, elapsed_us, &node->sdo, &response)) {
+        send(&response, node);
+    }
+}
+
+static bool receive_all(const motor_node_config_t *config, const motor_node_input_t *input,
+                        motor_node_t *node) {
+    bool sync = false;
+    const size_t count =
+        input->frame_count < MOTOR_NODE_RX_MAX ? input->frame_count : MOTOR_NODE_RX_MAX;
+    node_count(&node->od.counters_frames_not_read, (uint32_t)(input->frame_count - count));
+    for (size_t i = 0; i < count && !node->reset_requested; i++) {
+        sync = receive(config, &input->frames[i], node) || sync;
+    }
+    return sync;
+}
+
+static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const bool injected = od->sensor_source != 0U;
+    if (!injected) {
+        node->position_known = true;
+    } else if (!node->position_known) {
+        return;
+    }
+    const int32_t encoder = injected ? od->injected_sensors_position : input->position_inc;
+    const int64_t position = (int64_t)encoder + node->offset_inc;
+    od->position_actual_value = position > INT32_MAX   ? INT32_MAX
+                                : position < INT32_MIN ? INT32_MIN
+                                                       : (int32_t)position;
+    od->motor_temperature = injected ? od->injected_sensors_temperature : input->temperature_dC;
+}
+
+static void send_tpdo2(uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    const uint32_t content =
+        (uint32_t)(uint8_t)od->modes_of_operation_display << 16 | (uint32_t)od->limit_reasons;
+    const bool changed = content != node->tpdo2_content;
+    node->tpdo2_content = content;
+    if (node->nmt == NMT_OPERATIONAL &&
+        tpdo_event_due(od->tpdo2_communication_parameter_inhibit_time * 100U,
+                       od->tpdo2_communication_parameter_event_timer * 1000U, elapsed_us, changed,
+                       &node->tpdo2)) {
+        can_frame_t frame = {.id = (uint16_t)od->tpdo2_communication_parameter_cob_id,
+                             .len = OD_TPDO2_LENGTH};
+        object_dictionary_pack_tpdo2(od, frame.data);
+        send(&frame, node);
+    }
+}
+
+static void transmit(const motor_node_config_t *config, bool sync, uint32_t elapsed_us,
+                     motor_node_t *node, motor_node_output_t *output) {
+    const object_dictionary_t *od = &node->od;
+    can_frame_t frame;
+    if (sync && node->nmt == NMT_OPERATIONAL) { /* never behind the queue: the host waits for it */
+        can_frame_t *tpdo1 = &output->frames[output->frame_count];
+        tpdo1->id = (uint16_t)od->tpdo1_communication_parameter_cob_id;
+        tpdo1->len = OD_TPDO1_LENGTH;
+        object_dictionary_pack_tpdo1(od, tpdo1->data);
+        output->frame_count++;
+    }
+    send_tpdo2(elapsed_us, node);
+    if (heartbeat_due(od->producer_heartbeat_time, elapsed_us, &node->heartbeat_producer)) {
+        frame = heartbeat_frame(config->node_id, node->nmt);
+        send(&frame, node);
+    }
+    if (emcy_next(od, elapsed_us, node->nmt != NMT_STOPPED, &node->emcy, &frame)) {
+        send(&frame, node);
+    }
+    while (output->frame_count < MOTOR_NODE_TX_MAX &&
+           frame_queue_pop(&node->to_send, &output->frames[output->frame_count])) {
+        output->frame_count++;
+    }
+}
+
+void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
+                     const motor_node_input_t *input, motor_node_output_t *output) {
+    output->torque_mNm = 0;
+    output->output_enabled = false;
+    output->frame_count = 0;
+
+    if (!node->boot_up_sent) {
+        const can_frame_t boot_up = heartbeat_frame(config->node_id, NMT_BOOT_UP);
+        send(&boot_up, node);
+        node->boot_up_sent = true;
+    }
+    let_time_pass(input->elapsed_us, node);
+    const bool sync = receive_all(config, input, node);
+    output->reset_requested = node->reset_requested;
+    if (node->reset_requested) {
+        return;
+    }
+    const uint8_t lost = heartbeat_elapse(node->od.consumer_heartbeat_time, input->elapsed_us,
+                                          &node->heartbeat_consumer);
+    if (lost != 0U) {
+        lose_heartbeat(lost, node);
+    }
+    sample_sensors(input, node);
+    node_drive_supervise(input->elapsed_us, node);
+    node_drive_tick(input->elapsed_us, node);
+    transmit(config, sync, input->elapsed_us, node, output);
+    if (node->own_id_heard && node->emcy.count == 0U && node->nmt != NMT_STOPPED) {
+        const nmt_state_t before = node->nmt;
+        node->nmt = NMT_STOPPED;
+        follow_nmt(before, node);
+    }
+    output->torque_mNm = node->od.torque_actual_value;
+    output->output_enabled = drive_has_output(&node->drive);
+}

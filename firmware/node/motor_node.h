@@ -1,0 +1,134 @@
+/**
+ * The motor node: CANopen device (CiA 301), drive (CiA 402) and joint torque controller (FIC) as
+ * one step function. Ports call it once per joint tick; the simulator links the very same object.
+ *
+ * It knows no clock, bus or sensor: time comes in as elapsed_us, frames as arrays. One step: node
+ * time advances; all frames are processed in order; the position is sampled; at SYNC the last RPDO1
+ * has become the acting command; one joint tick of the controller; TPDO1 with this tick's position,
+ * torque and statusword if there was a SYNC; then TPDO2, heartbeat and EMCY as they are due.
+ *
+ * All state is in motor_node_t, so that several nodes run in one process. Reactions to errors:
+ * docs/protocol.md, "What a node does when things go wrong".
+ */
+#ifndef MOTOR_NODE_H
+#define MOTOR_NODE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "canopen/can_frame.h"
+#include "canopen/emcy.h"
+#include "canopen/frame_queue.h"
+#include "canopen/heartbeat.h"
+#include "canopen/nmt.h"
+#include "canopen/pdo.h"
+#include "canopen/sdo_server.h"
+#include "canopen/sync.h"
+#include "cia402/drive_state.h"
+#include "control/joint_controller.h"
+#include "control/torque_guard.h"
+#include "od/object_dictionary.h"
+
+/** Most frames that one step takes in; a port hands over more in the next step. */
+#define MOTOR_NODE_RX_MAX 32U
+/** Most frames that one step gives out; the node keeps further ones for the next step. */
+#define MOTOR_NODE_TX_MAX 8U
+
+/** What distinguishes one device from another: set once by the port, before motor_node_init. */
+typedef struct {
+    uint8_t node_id;        /**< 1..127 */
+    uint32_t serial_number; /**< 1018h:04, unique */
+    bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
+} motor_node_config_t;
+
+typedef struct {
+    uint32_t elapsed_us;       /**< node time since the last step, 0..1000000 */
+    int32_t position_inc;      /**< encoder, used unless 2F00h says injected */
+    int16_t temperature_dC;    /**< 0.1 degree Celsius, used unless injected */
+    const can_frame_t *frames; /**< in order of arrival; may be NULL when frame_count is 0 */
+    size_t frame_count;        /**< 0..MOTOR_NODE_RX_MAX */
+} motor_node_input_t;
+
+typedef struct {
+    int16_t torque_mNm;   /**< set value for the motor, 0 unless output_enabled */
+    bool output_enabled;  /**< power stage on */
+    bool reset_requested; /**< NMT reset node: the port calls motor_node_init again, as a power
+                             cycle */
+    size_t frame_count;
+    can_frame_t frames[MOTOR_NODE_TX_MAX]; /**< to send, in this order */
+} motor_node_output_t;
+
+/** Why enabling was refused: bits of object 2200h, beside those of torque_guard.h. */
+#define LIMIT_REASON_NOT_REFERENCED 0x0100U
+#define LIMIT_REASON_NO_COMMAND 0x0200U     /**< no RPDO1 acted within the deadline */
+#define LIMIT_REASON_OUTSIDE_WINDOW 0x0400U /**< |Q_d - q| above 6065h */
+#define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
+#define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
+#define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
+
+/** Modes of operation (6060h). */
+#define MODE_FRACTAL_IMPEDANCE (-1)
+#define MODE_NONE 0
+#define MODE_HOMING 6
+#define MODE_CYCLIC_SYNCHRONOUS_TORQUE 10
+
+/** Read it in tests and simulators; only the functions below change it. */
+typedef struct {
+    object_dictionary_t od;
+
+    nmt_state_t nmt;
+    bool boot_up_sent;
+    bool reset_requested;
+    bool own_id_heard; /**< stops once the emergency is out */
+    sync_t sync;
+    sdo_server_t sdo;
+    emcy_t emcy;
+    heartbeat_producer_t heartbeat_producer;
+    heartbeat_consumer_t heartbeat_consumer;
+    rpdo_t rpdo1;
+    rpdo_t rpdo2;
+    rpdo_t rpdo4;
+    tpdo_event_t tpdo2;
+    uint32_t tpdo2_content; /**< mode, limit reasons and missed SYNCs of the step before */
+    frame_queue_t to_send;
+
+    can_frame_t waiting_command; /**< newest RPDO1, acts at the next SYNC */
+    bool command_waiting;
+    bool command_acted; /**< a command has acted since the node became operational */
+    uint32_t since_command_us;
+
+    bool referenced;
+    bool position_known;
+    uint32_t since_position_us; /**< since the newest RPDO4 */
+    int32_t offset_inc;         /**< position = encoder + offset, from homing */
+    bool outside_limits;
+    int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
+    uint32_t speed_since_us;
+    uint32_t following_error_us;
+
+    drive_t drive;
+    bool halted;
+    bool restart; /**< the controller is to start afresh at this tick's position */
+    bool hold;    /**< Q_d is to be held at this tick's position */
+    bool holding;
+    uint16_t refusals;
+    uint32_t ramp_ppm; /**< output bound / TA */
+    joint_controller_config_t control;
+    joint_controller_t controller;
+} motor_node_t;
+
+/** Power-on: defaults, boot-up message with the first step, pre-operational, switch on disabled. */
+void motor_node_init(const motor_node_config_t *config, motor_node_t *node);
+
+/** One joint tick. */
+void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
+                     const motor_node_input_t *input, motor_node_output_t *output);
+
+/**
+ * Which COB-IDs a node takes in: NMT, SYNC, its own RPDO1, 2, 4 and SDO request, heartbeats and
+ * emergencies of others, LSS. Hardware filters are made from it, and the host counts with it.
+ */
+bool motor_node_accepts(uint8_t node_id, uint16_t cob_id);
+
+#endif

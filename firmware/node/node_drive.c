@@ -1,0 +1,385 @@
+#include "node/node_drive.h"
+
+#include "canopen/node_time.h"
+
+/** Long enough to measure slow speeds with a coarse encoder, short enough to act. */
+#define SPEED_INTERVAL_us 10000U
+#define HOMING_START 0x0010U
+#define HOMING_ATTAINED 0x1000U
+#define INJECTED_ENCODER_FAULT 0x02U
+
+static drive_options_t options_of(const object_dictionary_t *od) {
+    const drive_options_t options = {
+        .quick_stop = od->quick_stop_option_code,
+        .shutdown = od->shutdown_option_code,
+        .disable_operation = od->disable_operation_option_code,
+        .fault_reaction = od->fault_reaction_option_code,
+    };
+    return options;
+}
+
+static joint_controller_config_t control_of(const object_dictionary_t *od) {
+    const uint32_t increments = od->position_encoder_resolution_encoder_increments;
+    const angle_scale_t whole = angle_scale(increments, 1);
+    const joint_controller_config_t config = {
+        .fic =
+            {
+                .phase_rule = od->fic_phase_rule == 0U ? FIC_BODY_MOTION : FIC_ERROR_GROWTH,
+                .delta_inc256 = od->fic_delta_inc256,
+                .delta_rad = angle_part(whole.step_rad, od->fic_delta_inc256, 256),
+                .stall_time_us = od->fic_stall_time_us,
+            },
+        .q_a_rad = angle_from_urad(od->fic_q_a_urad),
+        .q_p_rad = angle_from_urad(od->fic_q_p_urad),
+        .q_b_rad = angle_from_urad(od->fic_q_b_urad),
+        .torque_limit_Nm = torque_from_mNm(od->fic_torque_limit_mNm, 1),
+        .scale = angle_scale(increments, od->fic_joint_ticks_per_sync),
+        .ticks_per_sync = od->fic_joint_ticks_per_sync,
+    };
+    return config;
+}
+
+static joint_command_t command_of(const object_dictionary_t *od) {
+    const joint_command_t command = {
+        .position_inc = od->target_position,
+        .torque_mNm = od->target_torque,
+        .torque_max_mNm = od->max_torque,
+    };
+    return command;
+}
+
+static uint64_t distance(int32_t a, int32_t b) {
+    const int64_t difference = (int64_t)a - b;
+    return (uint64_t)(difference < 0 ? -difference : difference);
+}
+
+static uint32_t deadline_us(const object_dictionary_t *od) {
+    return od->rpdo1_communication_parameter_event_timer * 1000U;
+}
+
+static bool outside_window(const object_dictionary_t *od) {
+    return distance(od->target_position, od->position_actual_value) > od->following_error_window;
+}
+
+static bool has_fresh_command(const motor_node_t *node) {
+    const uint32_t deadline = deadline_us(&node->od);
+    return node->command_acted && (deadline == 0U || node->since_command_us < deadline);
+}
+
+/** Reasons not to enable operation in this mode; 0 = none. */
+static uint16_t refusals(int8_t mode, const motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    uint16_t reasons = 0;
+    if (mode == MODE_NONE) {
+        reasons |= LIMIT_REASON_MODE;
+    }
+    if (!node->position_known) {
+        reasons |= LIMIT_REASON_NO_POSITION;
+    }
+    if (mode != MODE_HOMING && !has_fresh_command(node)) {
+        reasons |= LIMIT_REASON_NO_COMMAND;
+    }
+    if (mode == MODE_FRACTAL_IMPEDANCE) {
+        if (!node->referenced) {
+            reasons |= LIMIT_REASON_NOT_REFERENCED;
+        }
+        if (outside_window(od)) {
+            reasons |= LIMIT_REASON_OUTSIDE_WINDOW;
+        }
+        if (od->fic_q_a_urad > od->fic_q_p_urad || od->fic_q_p_urad > od->fic_q_b_urad) {
+            reasons |= LIMIT_REASON_CONFIGURATION;
+        }
+    }
+    return reasons;
+}
+
+static void start(motor_node_t *node) {
+    node->control = control_of(&node->od);
+    node->restart = true;
+    node->hold = false;
+    node->holding = false;
+    node->halted = false;
+    node->ramp_ppm = 0;
+    node->following_error_us = 0;
+}
+
+bool node_drive_has_mode(int8_t mode) {
+    return mode == MODE_FRACTAL_IMPEDANCE || mode == MODE_HOMING ||
+           mode == MODE_CYCLIC_SYNCHRONOUS_TORQUE;
+}
+
+void node_drive_mode(int8_t mode, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    node->refusals = 0;
+    if (!node_drive_has_mode(mode)) {
+        node->refusals = LIMIT_REASON_MODE;
+    } else if (mode == od->modes_of_operation_display) {
+        /* no change */
+    } else if (!drive_has_output(&node->drive)) {
+        od->modes_of_operation_display = mode;
+    } else {
+        node->refusals = refusals(mode, node);
+        if (node->refusals == 0U) {
+            od->modes_of_operation_display = mode;
+            start(node);
+        }
+    }
+}
+
+static void halt(motor_node_t *node) {
+    node->halted = true;
+    node->hold = true;
+    if (node->od.halt_option_code == 0) {
+        node->ramp_ppm = 0;
+    }
+}
+
+static void home(motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const int64_t encoder = (int64_t)od->position_actual_value - node->offset_inc;
+    const int64_t offset = od->home_offset - encoder;
+    if (offset >= INT32_MIN && offset <= INT32_MAX) {
+        node->offset_inc = (int32_t)offset;
+        node->referenced = true;
+    }
+}
+
+void node_drive_controlword(uint16_t controlword, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const int8_t mode = od->modes_of_operation_display;
+    const drive_options_t options = options_of(od);
+    const uint16_t reasons = refusals(mode, node);
+    const uint16_t before = node->drive.controlword;
+    const drive_result_t result = drive_command(&options, reasons == 0U, controlword, &node->drive);
+    od->controlword = controlword;
+    node->refusals = 0;
+    switch (result) {
+    case DRIVE_ENABLED:
+        start(node);
+        od->counters_missed_sync = 0;
+        break;
+    case DRIVE_ENABLE_REFUSED:
+        node->refusals = reasons;
+        break;
+    case DRIVE_STOPPING:
+        node->hold = true;
+        break;
+    case DRIVE_FAULT_RESET:
+        od->error_code = 0;
+        emcy_clear(od, &node->emcy);
+        break;
+    case DRIVE_DONE:
+    default:
+        break;
+    }
+    if (!drive_wants_output(&node->drive)) {
+        return;
+    }
+    const bool wants_halt = (controlword & CONTROLWORD_HALT) != 0U;
+    if (wants_halt && !node->halted) {
+        halt(node);
+    } else if (!wants_halt && node->halted) {
+        node->refusals = reasons;
+        if (reasons == 0U) {
+            start(node);
+        }
+    }
+    if (mode == MODE_HOMING && (controlword & HOMING_START) != 0U &&
+        (before & HOMING_START) == 0U) {
+        home(node);
+    }
+}
+
+void node_drive_fault(emcy_code_t code, uint8_t source, int32_t detail, bool ramp,
+                      motor_node_t *node) {
+    const drive_state_t state = node->drive.state;
+    if (state == DRIVE_FAULT || (state == DRIVE_FAULT_REACTION_ACTIVE && ramp)) {
+        return;
+    }
+    const drive_options_t options = options_of(&node->od);
+    node->hold = drive_fault(&options, ramp, &node->drive) == DRIVE_STOPPING;
+    node->od.error_code = (uint16_t)code;
+    emcy_raise(code, source, detail, &node->od, &node->emcy);
+}
+
+void node_drive_connection_lost(motor_node_t *node) {
+    const drive_options_t options = options_of(&node->od);
+    if (!drive_wants_output(&node->drive)) {
+        return;
+    }
+    switch (node->od.abort_connection_option_code) {
+    case 1:
+        node_drive_fault(EMCY_COMMAND_DEADLINE, 0, 0, true, node);
+        break;
+    case 2:
+        (void)drive_command(&options, false, 0, &node->drive);
+        break;
+    case 3:
+        node->hold = drive_quick_stop(&options, &node->drive) == DRIVE_STOPPING;
+        break;
+    default:
+        break;
+    }
+}
+
+static void supervise_command(uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    const int8_t mode = od->modes_of_operation_display;
+    if (!drive_wants_output(&node->drive) || mode == MODE_HOMING) {
+        return;
+    }
+    if (!has_fresh_command(node)) {
+        node_drive_fault(EMCY_COMMAND_DEADLINE, 1, (int32_t)(node->since_command_us / 1000U), true,
+                         node);
+    }
+    const bool outside = mode == MODE_FRACTAL_IMPEDANCE && !node->halted && outside_window(od);
+    node->following_error_us = outside ? node_time_add(node->following_error_us, elapsed_us) : 0U;
+    if (od->following_error_time_out != 0U &&
+        node->following_error_us >= od->following_error_time_out * 1000U) {
+        node_drive_fault(EMCY_FOLLOWING_ERROR, 0, od->position_actual_value, true, node);
+    }
+}
+
+static void supervise_speed(uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    node->speed_since_us = node_time_add(node->speed_since_us, elapsed_us);
+    if (node->speed_since_us < SPEED_INTERVAL_us) {
+        return;
+    }
+    const uint64_t moved = distance(od->position_actual_value, node->speed_from_inc);
+    const uint64_t allowed = (uint64_t)od->max_motor_speed *
+                             od->position_encoder_resolution_encoder_increments *
+                             node->speed_since_us;
+    if (drive_has_output(&node->drive) && moved * 60000000U > allowed) {
+        node_drive_fault(EMCY_OVERSPEED, 0, od->position_actual_value, true, node);
+    }
+    node->speed_from_inc = od->position_actual_value;
+    node->speed_since_us = 0;
+}
+
+static void supervise_position(motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const int32_t position = od->position_actual_value;
+    const bool outside = position > od->software_position_limit_max_position_limit ||
+                         position < od->software_position_limit_min_position_limit;
+    if (outside && !node->outside_limits && drive_has_output(&node->drive)) {
+        emcy_report(EMCY_POSITION_LIMIT, 0, position, od, &node->emcy);
+    }
+    node->outside_limits = outside && drive_has_output(&node->drive);
+}
+
+static void supervise_sensors(uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    if (od->sensor_source == 0U) {
+        return;
+    }
+    node->since_position_us = node_time_add(node->since_position_us, elapsed_us);
+    const uint32_t deadline = deadline_us(od);
+    const bool silent = deadline != 0U && node->since_position_us >= deadline;
+    const bool broken = (od->injected_sensors_flags & INJECTED_ENCODER_FAULT) != 0U;
+    if (drive_has_output(&node->drive) && (silent || broken)) {
+        node_drive_fault(EMCY_ENCODER, 4, od->position_actual_value, false, node);
+    }
+}
+
+void node_drive_supervise(uint32_t elapsed_us, motor_node_t *node) {
+    supervise_sensors(elapsed_us, node);
+    supervise_command(elapsed_us, node);
+    supervise_speed(elapsed_us, node);
+    supervise_position(node);
+}
+
+static void ramp_bound(uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    if (!drive_has_output(&node->drive)) {
+        node->ramp_ppm = 0;
+    } else if (node->restart) {
+        /* the first tick after enabling: still zero */
+    } else if (drive_wants_output(&node->drive) && !node->halted) {
+        const uint32_t step = elapsed_us * 1000U / od->output_bound_ramp_up_ms;
+        const uint32_t rest = TORQUE_GUARD_RAMP_FULL - node->ramp_ppm;
+        node->ramp_ppm += step < rest ? step : rest;
+    } else {
+        const uint32_t step = elapsed_us * 1000U / od->output_bound_ramp_down_ms;
+        node->ramp_ppm -= step < node->ramp_ppm ? step : node->ramp_ppm;
+    }
+    if (node->ramp_ppm == 0U && !drive_wants_output(&node->drive)) {
+        drive_bound_is_zero(&node->drive);
+    }
+}
+
+static void start_or_hold(motor_node_t *node) {
+    const int32_t position = node->od.position_actual_value;
+    if (node->restart) {
+        const joint_command_t command = command_of(&node->od);
+        joint_controller_reset(position, &command, &node->controller);
+        node->restart = false;
+    }
+    if (node->hold) {
+        joint_controller_hold(position, &node->controller);
+        node->hold = false;
+        node->holding = true;
+    }
+}
+
+/** What the mode asks for. Outside mode -1 there is no FIC, no error and no latched torque. */
+static joint_controller_output_t ask(uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    joint_controller_output_t asked = {0};
+    if (od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE) {
+        joint_controller_step(&node->control, od->position_actual_value, elapsed_us,
+                              &node->controller, &asked);
+    } else if (od->modes_of_operation_display == MODE_CYCLIC_SYNCHRONOUS_TORQUE) {
+        asked.torque_Nm = torque_from_mNm(od->target_torque, 1);
+        asked.torque_max_Nm = torque_from_mNm(od->max_torque, 1);
+    }
+    return asked;
+}
+
+static uint16_t status_of(bool close, bool attained, const motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    const bool follows = drive_wants_output(&node->drive) && !node->halted;
+    const bool fractal = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE;
+    uint16_t status = drive_statusword(&node->drive) | STATUSWORD_VOLTAGE_ENABLED;
+    status |= node->nmt == NMT_STOPPED ? 0U : STATUSWORD_REMOTE;
+    status |= node->outside_limits ? STATUSWORD_WARNING : 0U;
+    status |= close ? STATUSWORD_TARGET_REACHED : 0U;
+    status |= od->limit_reasons != 0U ? STATUSWORD_INTERNAL_LIMIT : 0U;
+    status |= attained ? HOMING_ATTAINED : 0U;
+    status |= follows && od->modes_of_operation_display != MODE_HOMING ? STATUSWORD_FOLLOWS : 0U;
+    status |= drive_has_output(&node->drive) && fractal && node->controller.fic.converging
+                  ? STATUSWORD_CONVERGENCE
+                  : 0U;
+    status |= node->referenced ? STATUSWORD_REFERENCED : 0U;
+    return status;
+}
+
+void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    torque_guard_output_t guarded = {0};
+    bool close = false;
+    ramp_bound(elapsed_us, node);
+    start_or_hold(node);
+    if (drive_has_output(&node->drive)) {
+        const joint_controller_output_t asked = ask(elapsed_us, node);
+        const torque_guard_input_t guard = {
+            .torque_Nm = asked.torque_Nm,
+            .torque_limit_Nm = node->control.torque_limit_Nm,
+            .ramp_ppm = node->ramp_ppm,
+            .torque_max_Nm = asked.torque_max_Nm,
+            .f_max_Nm = asked.f_max_Nm,
+            .position_inc = od->position_actual_value,
+            .position_min_inc = od->software_position_limit_min_position_limit,
+            .position_max_inc = od->software_position_limit_max_position_limit,
+        };
+        guarded = torque_guard(&guard);
+        guarded.reasons |= asked.limited ? LIMIT_REASON_TORQUE_LIMIT : 0U;
+        guarded.reasons |= node->halted ? LIMIT_REASON_HALT : 0U;
+        close = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE &&
+                angle_abs(asked.error_rad) <= node->control.q_a_rad;
+    }
+    const bool attained = od->modes_of_operation_display == MODE_HOMING && node->referenced;
+    od->torque_actual_value = guarded.torque_mNm;
+    od->limit_reasons = guarded.reasons | node->refusals;
+    od->statusword = status_of(close, attained, node);
+}

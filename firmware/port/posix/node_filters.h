@@ -1,0 +1,24 @@
+/**
+ * The accept rule of a motor node as SocketCAN filters: what motor_node_accepts() says, in the form
+ * that the kernel takes.
+ */
+#ifndef NODE_FILTERS_H
+#define NODE_FILTERS_H
+
+#include "port/posix/can_socket.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define NODE_FILTERS_COUNT 8U
+
+/** Fills filters for node_id 1..127. They also pass the node's own EMCY and heartbeat identifiers,
+ * which a socket never receives from itself. */
+void node_filters(uint8_t node_id, can_socket_filter_t filters[NODE_FILTERS_COUNT]);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,170 @@
+// run_logger: writes every message of a run into one LCM event log, ordered by run time, and counts
+// what was lost. Wakes up every few milliseconds and takes what has gathered, so that the loop that
+// it listens to is not slowed by it (the stock lcm-logger keeps only part of such a stream).
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <map>
+#include <sys/socket.h>
+
+#include "apps/common_options.h"
+#include "host/progress.h"
+#include "link/lcm_link.h"
+
+extern "C" {
+#include "port/posix/stop_signal.h"
+}
+
+using namespace hpmc;
+
+namespace {
+
+constexpr long kBatch_ns = 5000000;
+constexpr std::size_t kMessagesPerCall = 64;
+constexpr int kReceiveBufferBytes = 32 << 20;
+/// Messages wait so long, in run time, for earlier ones of other senders.
+constexpr std::int64_t kHoldBack_us = 100000;
+
+struct Options {
+    std::string log;
+    std::string plant_url = kDefaultPlantUrl;
+    std::string telemetry_url = kDefaultTelemetryUrl;
+    LogLevel level = LogLevel::full;
+};
+
+std::int64_t big_endian_i64(const std::uint8_t *at) {
+    std::uint64_t value = 0;
+    for (int i = 0; i < 8; ++i) {
+        value = value << 8U | at[i];
+    }
+    return static_cast<std::int64_t>(value);
+}
+
+struct Message {
+    std::int64_t utime;
+    std::string channel;
+    std::vector<std::uint8_t> payload;
+};
+
+class Socket {
+  public:
+    Socket(const std::string &url, const char *channel)
+        : datagrams_(std::make_unique<lcm_udp_message_t[]>(kMessagesPerCall)) {
+        const lcm_udp_address_t address = parse_lcm_url(url);
+        if (!lcm_udp_receiver_open(&receiver_, &address, channel, kReceiveBufferBytes)) {
+            throw LinkError("LCM " + url + ": " + std::strerror(errno));
+        }
+    }
+    ~Socket() { lcm_udp_receiver_close(&receiver_); }
+    Socket(const Socket &) = delete;
+    Socket &operator=(const Socket &) = delete;
+
+    /// Hands every waiting datagram to `take`.
+    template <class Take> void drain(Take &&take) {
+        std::array<iovec, kMessagesPerCall> parts{};
+        std::array<mmsghdr, kMessagesPerCall> headers{};
+        int n = 0;
+        do {
+            for (std::size_t i = 0; i < kMessagesPerCall; ++i) {
+                parts[i] = {datagrams_[i].datagram, sizeof datagrams_[i].datagram};
+                headers[i] = {};
+                headers[i].msg_hdr.msg_iov = &parts[i];
+                headers[i].msg_hdr.msg_iovlen = 1;
+            }
+            n = recvmmsg(receiver_.fd, headers.data(), kMessagesPerCall, MSG_DONTWAIT, nullptr);
+            for (int i = 0; i < n; ++i) {
+                lcm_udp_message_t &message = datagrams_[static_cast<std::size_t>(i)];
+                if (lcm_udp_take_apart(&message, headers[static_cast<std::size_t>(i)].msg_len)) {
+                    take(message);
+                }
+            }
+        } while (n == static_cast<int>(kMessagesPerCall));
+    }
+
+  private:
+    lcm_udp_receiver_t receiver_{};
+    std::unique_ptr<lcm_udp_message_t[]> datagrams_;
+};
+
+class Logger {
+  public:
+    explicit Logger(const Options &options)
+        : plant_(options.plant_url, options.level == LogLevel::states ? "ARM_STATE" : nullptr),
+          telemetry_(options.telemetry_url, nullptr), log_(options.log) {}
+
+    void run() {
+        while (!stop_signal_raised()) {
+            const timespec pause{0, kBatch_ns};
+            nanosleep(&pause, nullptr);
+            collect();
+            write_before(newest_utime_ - kHoldBack_us);
+        }
+        collect();
+        write_before(INT64_MAX);
+        log_.flush();
+        std::printf("STATS {\"messages\": %lld, \"lost\": %lld}\n",
+                    static_cast<long long>(log_.written()), static_cast<long long>(lost_));
+    }
+
+  private:
+    void collect() {
+        const auto take = [this](const lcm_udp_message_t &message) { this->take(message); };
+        plant_.drain(take);
+        telemetry_.drain(take);
+    }
+
+    /// Every type begins with fingerprint, utime, seq.
+    void take(const lcm_udp_message_t &message) {
+        if (message.payload_length < 24) {
+            return;
+        }
+        const std::int64_t utime = big_endian_i64(message.payload + 8);
+        const std::int64_t seq = big_endian_i64(message.payload + 16);
+        const auto [entry, first] = next_seq_.try_emplace(message.channel, seq);
+        lost_ += first ? 0 : std::max<std::int64_t>(0, seq - entry->second);
+        entry->second = seq + 1;
+        newest_utime_ = std::max(newest_utime_, utime);
+        waiting_.push_back({utime, message.channel,
+                            {message.payload, message.payload + message.payload_length}});
+    }
+
+    void write_before(std::int64_t utime) {
+        std::stable_sort(waiting_.begin(), waiting_.end(),
+                         [](const Message &a, const Message &b) { return a.utime < b.utime; });
+        std::size_t done = 0;
+        while (done < waiting_.size() && waiting_[done].utime < utime) {
+            const Message &m = waiting_[done++];
+            log_.write(m.channel.c_str(), m.utime, m.payload.data(),
+                       static_cast<int>(m.payload.size()));
+        }
+        waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(done));
+    }
+
+    Socket plant_;
+    Socket telemetry_;
+    LcmLogWriter log_;
+    std::vector<Message> waiting_;
+    std::map<std::string, std::int64_t> next_seq_;
+    std::int64_t newest_utime_ = 0;
+    std::int64_t lost_ = 0;
+};
+
+} // namespace
+
+int main(int argc, char **argv) {
+    CLI::App app{"Writes the messages of a run into an LCM event log."};
+    Options options;
+    app.add_option("--log", options.log)->required();
+    app.add_option("--plant-url", options.plant_url);
+    app.add_option("--telemetry-url", options.telemetry_url);
+    add_log_level(app, options.level);
+    return run_app("run_logger", app, argc, argv, [&] {
+        stop_signal_install(true);
+        Logger logger(options);
+        say_ready();
+        logger.run();
+        return 0;
+    });
+}

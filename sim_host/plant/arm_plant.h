@@ -1,0 +1,55 @@
+/**
+ * The arm in ODE: three slender rods on hinges in a plane, torque-driven, no gravity.
+ *
+ * Stands in for the physical arm; owns nothing of the control. Settings that make it second-order
+ * accurate: ERP 1, CFM 0, finite rotation mode, mean of old and new torque in the first step after
+ * a change of torque; dWorldStep, since QuickStep draws random numbers.
+ */
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+
+namespace hpmc {
+
+struct ArmPlantConfig {
+    Eigen::Vector3d length_m{0.282, 0.269, 0.044};
+    Eigen::Vector3d mass_kg{4.0, 2.5, 1.0};
+    double joint_friction_Nm_s_rad = 0.02;
+    double step_s = 0.0002; ///< of ODE, 0.00005..0.001; must divide the joint period
+};
+
+struct ArmPlantState {
+    Eigen::Vector3d q_rad;
+    Eigen::Vector3d qd_rad_s;
+    Eigen::Vector2d hand_m;
+    Eigen::Vector2d hand_m_s;
+    Eigen::Vector2d wrench_N; ///< force of the hand on its environment
+};
+
+class ArmPlant {
+  public:
+    /// Throws std::invalid_argument when a parameter is out of range.
+    explicit ArmPlant(const ArmPlantConfig &config);
+    ~ArmPlant();
+    ArmPlant(const ArmPlant &) = delete;
+    ArmPlant &operator=(const ArmPlant &) = delete;
+
+    /// Sets the pose, at rest, and forgets the torque and the external force held before: from here
+    /// on the plant runs bit for bit like a fresh one.
+    void reset(const Eigen::Vector3d &q_rad);
+
+    /// Force of the environment on the hand, held until changed.
+    void set_external_force(const Eigen::Vector2d &force_N);
+
+    /// Holds tau_Nm for duration_s, a multiple of step_s (rounded to one).
+    void advance(const Eigen::Vector3d &tau_Nm, double duration_s);
+
+    ArmPlantState state() const;
+
+  private:
+    struct World;
+    std::unique_ptr<World> world_;
+};
+
+} // namespace hpmc

@@ -1,0 +1,1 @@
+"""Runs the experiments of the H-PMC rig and analyses their logs."""

@@ -1,0 +1,69 @@
+"""candump.log from the CAN_FRAMES of a log, in the format of `candump -L`, with simulated time.
+
+A CAN_FRAMES message of tick k holds what the nodes sent in tick k-1, then what the host (and the
+sensor injection) sent in tick k; each frame is stamped with the tick in which it was sent.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from hpmc.lcm_log import LcmLog, LogError
+from hpmc.lcm_types import FINGERPRINT_BYTES, load_type
+
+_FIRST_NODE, _LAST_NODE = 1, 3
+_WRITE_FRAMES = 200_000
+
+
+def write_candump(log: LcmLog, path: Path, interface: str = "vcan0") -> int:
+    """Writes all frames of the log, in bus order, and returns their number."""
+    message, frames = _read_frames(log)
+    utime = _send_times(log, message, frames["sender"])
+    with path.open("w") as file:
+        for start in range(0, frames.size, _WRITE_FRAMES):
+            part = slice(start, start + _WRITE_FRAMES)
+            file.writelines(_lines(utime[part], frames[part], interface))
+    return int(frames.size)
+
+
+def _lines(utime: np.ndarray, frames: np.ndarray, interface: str) -> list[str]:
+    seconds, micros = np.divmod(utime, 1_000_000)
+    data = frames["data"].tobytes().hex().upper()
+    return [
+        f"({second:010d}.{micro:06d}) {interface} {cob_id:03X}#"
+        f"{data[16 * i : 16 * i + 2 * length]}\n"
+        for i, (second, micro, cob_id, length) in enumerate(
+            zip(
+                seconds.tolist(),
+                micros.tolist(),
+                frames["id"].tolist(),
+                frames["len"].tolist(),
+                strict=True,
+            )
+        )
+    ]
+
+
+def _read_frames(log: LcmLog) -> tuple[np.ndarray, np.ndarray]:
+    """All frames in order, and for each the number of the message that holds it."""
+    offsets, lengths = log.message_places("CAN_FRAMES")
+    frame = load_type("can_frame_t").dtype
+    head = np.dtype([("utime", ">i8"), ("seq", ">i8"), ("count", ">i4")])
+    first = offsets + FINGERPRINT_BYTES
+    if np.any(lengths < FINGERPRINT_BYTES + head.itemsize):
+        raise LogError(f"{log.path}: a CAN_FRAMES message is too short")
+    count = log.at_offsets(first, head)["count"].astype(np.int64)
+    if np.any(lengths != FINGERPRINT_BYTES + head.itemsize + count * frame.itemsize):
+        raise LogError(f"{log.path}: a CAN_FRAMES message has not the size of its frames")
+    message = np.repeat(np.arange(count.size), count)
+    number_in_message = np.arange(message.size) - np.repeat(np.cumsum(count) - count, count)
+    places = first[message] + head.itemsize + number_in_message * frame.itemsize
+    return message, log.at_offsets(places, frame)
+
+
+def _send_times(log: LcmLog, message: np.ndarray, sender: np.ndarray) -> np.ndarray:
+    head = np.dtype([("utime", ">i8")])
+    offsets, _ = log.message_places("CAN_FRAMES")
+    tick_utime = log.at_offsets(offsets + FINGERPRINT_BYTES, head)["utime"].astype(np.int64)
+    from_node = (sender >= _FIRST_NODE) & (sender <= _LAST_NODE)
+    return tick_utime[np.where(from_node, np.maximum(message - 1, 0), message)]

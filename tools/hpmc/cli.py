@@ -1,0 +1,21 @@
+"""The command line behind ./rig: hands each command to its module."""
+
+import importlib
+from collections.abc import Sequence
+
+MODULES = {
+    "run": "hpmc.run",
+    "bench": "hpmc.bench",
+    "doctor": "hpmc.doctor",
+    "test": "hpmc.selftest",
+}
+EXIT_USAGE = 2
+
+
+def main(argv: Sequence[str]) -> int:
+    if not argv or argv[0] not in MODULES:
+        print(f"hpmc: the command must be one of {', '.join(MODULES)}")
+        return EXIT_USAGE
+    module = importlib.import_module(MODULES[argv[0]])
+    status: int = module.main(list(argv[1:]))
+    return status

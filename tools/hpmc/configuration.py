@@ -1,0 +1,54 @@
+"""The configuration of a run: resolved and checked by the program hpmc_config, read back here."""
+
+import subprocess
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hpmc.layout import CONFIG, PROGRAMS
+
+EXIT_USAGE = 2
+
+
+class ConfigurationError(ValueError):
+    """One line: the key and the allowed range."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    toml: str
+    values: dict[str, Any]
+    periods_per_repetition: int
+    joint_ticks: int
+    bus_load_worst_percent: float
+
+    @property
+    def repetitions(self) -> int:
+        return int(self.values["experiment"]["repetitions"])
+
+    @property
+    def seed(self) -> int:
+        return int(self.values["experiment"]["seed"])
+
+
+def experiments() -> list[str]:
+    return sorted(path.stem for path in CONFIG.glob("*.toml"))
+
+
+def load_configuration(
+    experiment: str, files: Sequence[Path] = (), overrides: Sequence[str] = ()
+) -> Configuration:
+    """The experiment's file, then `files`, then `key=value` overrides. Raises ConfigurationError."""
+    command = [str(PROGRAMS["hpmc_config"])]
+    for file in (CONFIG / f"{experiment}.toml", *files):
+        command += ["--config", str(file)]
+    for override in overrides:
+        command += ["--set", override]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    if answer.returncode != 0:
+        raise ConfigurationError(answer.stderr.strip().removeprefix("hpmc_config: "))
+    text, _, facts = answer.stdout.rpartition("\n\n# periods_per_repetition")
+    derived = tomllib.loads("periods_per_repetition" + facts.replace("\n# ", "\n"))
+    return Configuration(toml=text + "\n", values=tomllib.loads(text), **derived)

@@ -1,0 +1,20 @@
+"""Where the project's files are."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILD = ROOT / "build" / "host"
+CONFIG = ROOT / "sim_host" / "config"
+RUNS = ROOT / "runs"
+WITH_VCAN = ROOT / "tools" / "with-vcan"
+LAUNCHER = ROOT / "tools" / "hpmc" / "launcher.py"
+
+PROGRAMS = {
+    "arm_sim": BUILD / "sim_host" / "apps" / "arm_sim",
+    "bench": BUILD / "sim_host" / "apps" / "rig_bench",
+    "hpmc_config": BUILD / "sim_host" / "apps" / "hpmc_config",
+    "hpmc_host": BUILD / "sim_host" / "apps" / "hpmc_host",
+    "motor_node": BUILD / "firmware" / "port" / "motor_node",
+    "run_logger": BUILD / "sim_host" / "apps" / "run_logger",
+    "sil": BUILD / "sim_host" / "apps" / "sil",
+}

@@ -1,0 +1,213 @@
+"""summary.json of a run, and the table that is printed at its end beside the paper's figures."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from hpmc.analysis import Analysis
+from hpmc.kinematics import TARGET_COUNT, ClockGeometry
+from hpmc.metrics import HUMAN_R, MINIMUM_JERK_R, PAPER_EXECUTED_R, PAPER_PLANNED_R
+
+Summary = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class BusFacts:
+    """CAN frames of the run; None where a load does not apply."""
+
+    frames: int
+    lost: int
+    load_worst_percent: float | None
+    load_typical_percent: float | None
+
+
+@dataclass(frozen=True)
+class LcmFacts:
+    """LCM messages of the run."""
+
+    messages: int
+    lost: int
+
+
+@dataclass(frozen=True)
+class VersionFacts:
+    """What the run was built from."""
+
+    git: str
+    protocol_hash: str
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """What the runner knows and the logs do not."""
+
+    mode: str
+    seed: int
+    repetitions: int
+    simulated_s: float
+    wall_s: float
+    bus: BusFacts
+    lcm: LcmFacts
+    versions: VersionFacts
+
+
+def build_summary(
+    facts: RunFacts, analysis: Analysis | None, geometry: ClockGeometry | None = None
+) -> Summary:
+    """The content of summary.json. Without logs (`--log none`) every metric is None (null)."""
+    geometry = geometry or ClockGeometry()
+    metrics = analysis.metrics if analysis else None
+
+    def over_all(column: str, statistic: Callable[[np.ndarray], float]) -> float | None:
+        return _number(statistic(getattr(metrics, column))) if metrics else None
+
+    def of_target(target: int, column: str) -> float | None:
+        rows = metrics.of_target(target) if metrics else None
+        return _number(np.mean(getattr(rows, column))) if rows else None
+
+    return {
+        "mode": facts.mode,
+        "repetitions": facts.repetitions,
+        "reaches": len(metrics) if metrics else 0,
+        "seed": facts.seed,
+        "simulated_s": facts.simulated_s,
+        "wall_s": facts.wall_s,
+        "real_time_factor": facts.simulated_s / facts.wall_s if facts.wall_s > 0 else None,
+        "planned": {
+            "r_mean": over_all("planned_r", np.mean),
+            "r_std": over_all("planned_r", np.std),
+        },
+        "executed": {
+            "r_mean": over_all("executed_r", np.mean),
+            "r_std": over_all("executed_r", np.std),
+            "r5_mean": over_all("executed_r5", np.mean),
+        },
+        **{
+            column: {"mean": over_all(column, np.mean), "max": over_all(column, np.max)}
+            for column in ("position_rmse_mm", "velocity_rmse_mm_s", "final_error_mm")
+        },
+        "targets": [
+            {
+                "index": target,
+                **{
+                    column: of_target(target, column)
+                    for column in (
+                        "planned_r",
+                        "executed_r",
+                        "position_rmse_mm",
+                        "velocity_rmse_mm_s",
+                    )
+                },
+                "manipulability": geometry.manipulability(target),
+            }
+            for target in range(1, TARGET_COUNT + 1)
+        ],
+        "bus": asdict(facts.bus),
+        "lcm": asdict(facts.lcm),
+        "versions": asdict(facts.versions),
+    }
+
+
+def write_summary(summary: Summary, path: Path) -> None:
+    """Writes summary.json whole or not at all."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    partial.replace(path)
+
+
+def print_summary(summary: Summary, console: Console | None = None) -> None:
+    """Prints the table per target and for all, beside the paper's figures."""
+    console = console or Console()
+    console.print(_table(summary))
+    for line in _facts_in_words(summary):
+        console.print(Text(line))
+
+
+def _table(summary: Summary) -> Table:
+    table = Table(
+        title=f"Clock experiment, {summary['mode']}: {summary['reaches']} reaches",
+        title_justify="left",
+        title_style="bold",
+    )
+    table.add_column("target")
+    table.add_column("planned r", justify="right")
+    table.add_column("executed r", justify="right")
+    table.add_column("position\nRMSE, mm", justify="right")
+    table.add_column("velocity\nRMSE, mm/s", justify="right")
+    table.add_column("manipu-\nlability, m²", justify="right")
+    for target in summary["targets"]:
+        table.add_row(
+            str(target["index"]),
+            _text(target["planned_r"], 4),
+            _text(target["executed_r"], 2),
+            _text(target["position_rmse_mm"], 2),
+            _text(target["velocity_rmse_mm_s"], 1),
+            _text(target["manipulability"], 4),
+        )
+    table.add_section()
+    planned, executed = summary["planned"], summary["executed"]
+    table.add_row(
+        "all",
+        f"{_text(planned['r_mean'], 4)} ± {_text(planned['r_std'], 4)}",
+        f"{_text(executed['r_mean'], 2)} ± {_text(executed['r_std'], 2)}",
+        _text(summary["position_rmse_mm"]["mean"], 2),
+        _text(summary["velocity_rmse_mm_s"]["mean"], 1),
+        "",
+        style="bold",
+    )
+    table.add_row(
+        "worst reach",
+        "",
+        "",
+        _text(summary["position_rmse_mm"]["max"], 2),
+        _text(summary["velocity_rmse_mm_s"]["max"], 1),
+        "",
+    )
+    table.add_section()
+    table.add_row(
+        "paper",
+        f"{PAPER_PLANNED_R[0]:.3f} ± {PAPER_PLANNED_R[1]:.3f}",
+        f"{PAPER_EXECUTED_R[0]:.2f} ± {PAPER_EXECUTED_R[1]:.3f}",
+        "< 1",
+        "by direction",
+        "lowest: 5, 6",
+        style="cyan",
+    )
+    table.add_row("human", "", f"{HUMAN_R[0]:.3f} ± {HUMAN_R[1]:.3f}", "", "", "", style="cyan")
+    table.add_row("minimum jerk", "", f"{MINIMUM_JERK_R:.3f}", "", "", "", style="cyan")
+    return table
+
+
+def _facts_in_words(summary: Summary) -> list[str]:
+    bus, lcm = summary["bus"], summary["lcm"]
+    final_error = summary["final_error_mm"]
+    lines = [
+        f"r at 5 % of peak speed {_text(summary['executed']['r5_mean'], 2)}, "
+        f"final error {_text(final_error['mean'], 2)} mm (worst {_text(final_error['max'], 2)} mm)",
+        f"{summary['simulated_s']:.1f} s simulated in {summary['wall_s']:.1f} s: "
+        f"{_text(summary['real_time_factor'], 2)} times real time",
+        f"CAN {bus['frames']} frames, {bus['lost']} lost; LCM {lcm['messages']} messages, "
+        f"{lcm['lost']} lost",
+    ]
+    if bus["load_worst_percent"] is not None:
+        lines[-1] += (
+            f"; load at 1 Mbit/s {_text(bus['load_typical_percent'], 0)} %, "
+            f"worst {_text(bus['load_worst_percent'], 0)} %"
+        )
+    return lines
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _text(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
