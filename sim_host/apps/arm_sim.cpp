@@ -91,12 +91,8 @@ class ArmProcess {
             }
         } catch (const StopRequested &) {
         }
-        std::uint32_t dropped = 0;
-        for (const LcmReceiver &receiver : torque_) {
-            dropped += receiver.dropped();
-        }
-        std::printf("STATS {\"lcm_dropped\": %u, \"overruns\": %lld, \"lateness_max_us\": %lld}\n",
-                    dropped, static_cast<long long>(pacer_.overruns()),
+        std::printf("STATS {\"overruns\": %lld, \"lateness_max_us\": %lld}\n",
+                    static_cast<long long>(pacer_.overruns()),
                     static_cast<long long>(pacer_.lateness_max_us()));
     }
 

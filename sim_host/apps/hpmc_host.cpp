@@ -102,10 +102,9 @@ class HostProcess {
     void say_stats() const {
         const can_socket_t &socket = bus_.socket();
         std::printf("STATS {\"frames\": %lld, \"frames_lost\": %u, \"load_typical_percent\": %.2f, "
-                    "\"back_pressure\": %u, \"error_frames\": %u, \"lcm_dropped\": %u}\n",
+                    "\"back_pressure\": %u, \"error_frames\": %u}\n",
                     static_cast<long long>(account_.frames()), socket.dropped,
-                    account_.load_typical_percent(), socket.back_pressure, socket.error_frames,
-                    wrench_.dropped());
+                    account_.load_typical_percent(), socket.back_pressure, socket.error_frames);
         std::fflush(stdout);
     }
 

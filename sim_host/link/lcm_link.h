@@ -77,9 +77,6 @@ class LcmReceiver {
         }
     }
 
-    int descriptor() const { return receiver_.fd; }
-    std::uint32_t dropped() const { return receiver_.dropped; }
-
   private:
     void wait(bool stoppable);
 

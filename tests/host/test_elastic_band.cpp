@@ -117,6 +117,21 @@ TEST_CASE("targets that change under way: never beyond A per axis, arrives and s
     }
 }
 
+TEST_CASE("a new target begins a new pull: full A toward it in the first step") {
+    for (const PhaseRule rule : both_rules) {
+        for (const double new_target_m : {-0.2, 0.06, 0.3}) {
+            ElasticBand band = band_at_rest({0.0, 0.0}, rule);
+            for (int tick = 0; tick < 486; ++tick) { // halfway, at the highest speed
+                band.step({0.1, 0.0});
+            }
+            const double v_before = band.v_d_m_s().x();
+            band.step({new_target_m, 0.0});
+            const double toward = new_target_m > band.x_d_m().x() ? 1.0 : -1.0;
+            CHECK((band.v_d_m_s().x() - v_before) / 1e-3 == doctest::Approx(toward * 0.5223));
+        }
+    }
+}
+
 TEST_CASE("the same path wherever the frame lies") {
     ElasticBand along_x = band_at_rest({0.0, 0.0}, PhaseRule::body_motion);
     ElasticBand turned = band_at_rest({0.0, 0.0}, PhaseRule::body_motion);

@@ -65,6 +65,17 @@ TEST_CASE("the zero crossing latches anew on the other side") {
     }
 }
 
+TEST_CASE("a desired point that jumps across the body latches anew, in divergence too") {
+    for (const PhaseRule rule : both_rules) {
+        Fic fic{exact(rule)};
+        fic.reset(0.0);
+        fic.step(-4.0, 4.0, linear(4.0));
+        // The desired point jumps from 0 to 6 while the body turns back up.
+        fic.step(2.0, 4.0, linear(2.0));
+        CHECK(fic.step(1.5, 4.5, linear(1.5)) == doctest::Approx(2.0 * 4.0 / 2.0 * 0.5));
+    }
+}
+
 TEST_CASE("the force at the turning point stays latched when the profile changes") {
     for (const PhaseRule rule : both_rules) {
         Fic fic{exact(rule)};

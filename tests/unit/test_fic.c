@@ -203,7 +203,7 @@ void test_error_growth_follows_the_error(void) {
     expect(-1.0f, 15);
     TEST_ASSERT_TRUE(fic.converging);
     expect(1.0f, 5);
-    expect(0.0f, 10); /* the error grows again: turns to divergence */
+    expect(-1.0f, 10); /* the error grows again: divergence */
 }
 
 void test_error_growth_turns_back_to_divergence(void) {

@@ -48,6 +48,8 @@ def _read_frames(log: LcmLog) -> tuple[np.ndarray, np.ndarray]:
     """All frames in order, and for each the number of the message that holds it."""
     offsets, lengths = log.message_places("CAN_FRAMES")
     frame = load_type("can_frame_t").dtype
+    if frame is None:
+        raise LogError("can_frame_t varies in size")
     head = np.dtype([("utime", ">i8"), ("seq", ">i8"), ("count", ">i4")])
     first = offsets + FINGERPRINT_BYTES
     if np.any(lengths < FINGERPRINT_BYTES + head.itemsize):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TARGETS = np.arange(1, TARGET_COUNT + 1)
+TARGETS = range(1, TARGET_COUNT + 1)
 
 # Okabe and Ito's colours: told apart with any colour vision
 PLANNED = "#0072B2"
@@ -37,7 +37,7 @@ HARMONIC_LINE = (0, (5, 2))
 MINIMUM_JERK_LINE = (0, (1.5, 1.2))
 RETURN_LINE = (0, (4, 1.5))
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "figure.dpi": 100,
     "savefig.dpi": 150,
     "figure.constrained_layout.use": True,
@@ -84,7 +84,7 @@ def draw_arm(analysis: Analysis, geometry: ClockGeometry) -> Figure:
         position = geometry.position(target)
         outside = position + 0.026 * (position - geometry.position(0)) / geometry.radius_m
         axes.plot(*position, "o", color="white", markeredgecolor=INK, markersize=9, zorder=5)
-        axes.text(*outside, str(target), ha="center", va="center", zorder=6)
+        axes.text(outside[0], outside[1], str(target), ha="center", va="center", zorder=6)
     axes.plot([], [], "o", color="white", markeredgecolor=INK, markersize=9, label="targets 1 to 8")
     axes.plot(
         *geometry.position(0),
@@ -215,7 +215,7 @@ def draw_paths_and_speed(analysis: Analysis, geometry: ClockGeometry) -> Figure:
                 _band(axes, analysis.time_s, curves.executed_speed_mm_s, color)
             for reach in np.flatnonzero((sample.target == target) & (sample.outward == outward)):
                 axes.plot(
-                    analysis.time_s, sample_speed[reach], color=color, linestyle=line, linewidth=1.2
+                    analysis.time_s, sample_speed[reach], color=color, linestyle=line, linewidth=1
                 )
         axes.set_title(f"target {target}")
         _time_axis(axes, analysis)
@@ -231,7 +231,7 @@ def draw_paths_and_speed(analysis: Analysis, geometry: ClockGeometry) -> Figure:
     for target in TARGETS:
         position = geometry.position(target)
         outside = position + 0.018 * (position - geometry.position(0)) / geometry.radius_m
-        paths.text(*outside, str(target), ha="center", va="center", fontsize=9)
+        paths.text(outside[0], outside[1], str(target), ha="center", va="center", fontsize=9)
     paths.set_title("hand paths, one repetition")
     _metre_axes(paths)
     _limits_around_clock(paths, geometry, 1.35)
@@ -248,9 +248,10 @@ def draw_paths_and_speed(analysis: Analysis, geometry: ClockGeometry) -> Figure:
                 [], [], [], color=EXECUTED, alpha=0.3, label="executed, mean ± std of all"
             )
         )
+    many = analysis.repetitions > 1
+    shown = f"lines: one repetition of {analysis.repetitions}" if many else _reach_count(analysis)
     figure.suptitle(
-        f"Fig. 5  Hand paths, and speed per target (lines: one repetition of "
-        f"{analysis.repetitions})",
+        f"Fig. 5  Hand paths, and speed per target ({shown})",
         fontweight="bold",
         x=0.01,
         ha="left",
@@ -266,7 +267,7 @@ def draw_manipulability(analysis: Analysis, geometry: ClockGeometry) -> Figure:
     del analysis
     figure = _figure(10.0, 4.9)
     clock, bars = figure.subplots(1, 2, width_ratios=(1.1, 1))
-    places = [0, *TARGETS.tolist()]
+    places = [0, *TARGETS]
     volume = np.array([geometry.manipulability(place) for place in places])
     lowest = set(np.argsort(volume)[:2].tolist())
     colors = [EXECUTED if place in lowest else PLANNED for place in places]
@@ -353,7 +354,7 @@ def draw_comparison(analysis: Analysis, geometry: ClockGeometry) -> Figure:
     velocity.set_ylabel("speed, mm/s")
     position.set_title(f"Fig. 7  Position ({_reach_count(analysis)})")
     velocity.set_title("Speed")
-    key = [
+    key: list[tuple[str, dict[str, Any]]] = [
         ("executed, mean ± std", {"color": EXECUTED, "linewidth": 2.4}),
         ("one repetition", {"color": EXECUTED, "linewidth": 0.8, "alpha": 0.6}),
         (f"harmonic, {duration_s:.3f} s", {"color": HARMONIC, "linestyle": HARMONIC_LINE}),
@@ -406,7 +407,16 @@ def _draw_links(axes: Axes, geometry: ClockGeometry, q_rad: np.ndarray) -> None:
         middle = (start + end) / 2
         if name != "hand":
             angle = np.degrees(np.arctan2(*(end - start)[::-1]))
-            axes.text(*middle, name, ha="center", va="center", rotation=angle, fontsize=9, zorder=3)
+            axes.text(
+                middle[0],
+                middle[1],
+                name,
+                ha="center",
+                va="center",
+                rotation=float(angle),
+                fontsize=9,
+                zorder=3,
+            )
     axes.plot(*joints[:3].T, "o", color="white", markeredgecolor=INK, markersize=8, zorder=3)
     for name, joint, shift in zip(
         ("shoulder", "elbow", "wrist"), joints[:3], ((-8, 12), (0, -18), (14, -2)), strict=True
@@ -435,7 +445,13 @@ def _error_bars(
 ) -> None:
     mean, std = _per_target(analysis, column)
     axes.errorbar(
-        TARGETS + shift, mean, std, color=color, marker=marker, linestyle="none", label=label
+        np.array(TARGETS) + shift,
+        mean,
+        std,
+        color=color,
+        marker=marker,
+        linestyle="none",
+        label=label,
     )
 
 

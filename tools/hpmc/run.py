@@ -346,7 +346,7 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
             load_typical_percent=sum(loads) / len(loads) if loads else None,
         ),
         lcm=LcmFacts(messages=total(outcome.stats, "messages"),
-                     lost=total(outcome.stats, "lost", "lcm_dropped")),
+                     lost=total(outcome.stats, "lost")),
         versions=VersionFacts(git=info["git"], protocol_hash=info["protocol_hash"]),
     )
     summary = build_summary(facts, analysis, geometry)

@@ -66,7 +66,7 @@ class Result:
 def preset(name: str, jobs: int) -> list[list[str]]:
     """Commands that configure, build and test one CMake preset."""
     return [
-        ["cmake", "--preset", name, "-DBUILD_TESTING=ON"],
+        ["cmake", "--preset", name, "-DBUILD_TESTING=ON", f"-DUNITY_ROOT={BUILD / 'unity'}"],
         ["cmake", "--build", "--preset", name, "-j", str(jobs), "--", "--quiet"],
         ["ctest", "--preset", name, "--no-tests=error", "-j", str(jobs), "--timeout", "120"],
     ]

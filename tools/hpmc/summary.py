@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -136,13 +137,15 @@ def _table(summary: Summary) -> Table:
         title=f"Clock experiment, {summary['mode']}: {summary['reaches']} reaches",
         title_justify="left",
         title_style="bold",
+        box=box.HORIZONTALS,
+        pad_edge=False,
     )
     table.add_column("target")
     table.add_column("planned r", justify="right")
     table.add_column("executed r", justify="right")
     table.add_column("position\nRMSE, mm", justify="right")
     table.add_column("velocity\nRMSE, mm/s", justify="right")
-    table.add_column("manipu-\nlability, m²", justify="right")
+    table.add_column("manipu-\nlability", justify="right")
     for target in summary["targets"]:
         table.add_row(
             str(target["index"]),
@@ -156,8 +159,8 @@ def _table(summary: Summary) -> Table:
     planned, executed = summary["planned"], summary["executed"]
     table.add_row(
         "all",
-        f"{_text(planned['r_mean'], 4)} ± {_text(planned['r_std'], 4)}",
-        f"{_text(executed['r_mean'], 2)} ± {_text(executed['r_std'], 2)}",
+        f"{_text(planned['r_mean'], 4)}±{_text(planned['r_std'], 4)}",
+        f"{_text(executed['r_mean'], 2)}±{_text(executed['r_std'], 2)}",
         _text(summary["position_rmse_mm"]["mean"], 2),
         _text(summary["velocity_rmse_mm_s"]["mean"], 1),
         "",
@@ -174,15 +177,15 @@ def _table(summary: Summary) -> Table:
     table.add_section()
     table.add_row(
         "paper",
-        f"{PAPER_PLANNED_R[0]:.3f} ± {PAPER_PLANNED_R[1]:.3f}",
-        f"{PAPER_EXECUTED_R[0]:.2f} ± {PAPER_EXECUTED_R[1]:.3f}",
+        f"{PAPER_PLANNED_R[0]:.3f}±{PAPER_PLANNED_R[1]:.3f}",
+        f"{PAPER_EXECUTED_R[0]:.2f}±{PAPER_EXECUTED_R[1]:.3f}",
         "< 1",
-        "by direction",
-        "lowest: 5, 6",
+        "by target",
+        "low: 5, 6",
         style="cyan",
     )
-    table.add_row("human", "", f"{HUMAN_R[0]:.3f} ± {HUMAN_R[1]:.3f}", "", "", "", style="cyan")
-    table.add_row("minimum jerk", "", f"{MINIMUM_JERK_R:.3f}", "", "", "", style="cyan")
+    table.add_row("human", "", f"{HUMAN_R[0]:.3f}±{HUMAN_R[1]:.3f}", "", "", "", style="cyan")
+    table.add_row("min. jerk", "", f"{MINIMUM_JERK_R:.3f}", "", "", "", style="cyan")
     return table
 
 

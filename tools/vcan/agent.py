@@ -459,7 +459,8 @@ def main() -> None:
         set_up_machine()
         network.set_up()
     except (SetupError, OSError) as error:
-        os.write(link, frame(0, frames.HELLO, 0, str(error).encode()))
+        text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        os.write(link, frame(0, frames.HELLO, 0, text.encode()))
     else:
         try:
             serve(link)

@@ -32,6 +32,10 @@ class StartError(Exception):
     """The sandbox does not start; the text says why and what helps."""
 
 
+def fault_text(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
 # --- the two ways to a sandbox ---------------------------------------------------------------
 
 
@@ -62,7 +66,7 @@ def native_fault() -> str:
         try:
             enter_namespaces()
         except (agent.SetupError, OSError) as error:
-            os.write(pipe_out, str(error).encode())
+            os.write(pipe_out, fault_text(error).encode())
         finally:
             os._exit(0)
     os.close(pipe_out)
@@ -94,7 +98,7 @@ def start_native(link: int) -> int:
         os.waitpid(first, 0)
         status = 0
     except (agent.SetupError, OSError) as error:
-        os.write(link, frame(0, frames.HELLO, 0, str(error).encode()))
+        os.write(link, frame(0, frames.HELLO, 0, fault_text(error).encode()))
     finally:
         os._exit(status)
 

@@ -159,7 +159,6 @@ static bool join_group(int fd, const lcm_udp_address_t *address)
     const struct ip_mreq request = {.imr_multiaddr = address->group.sin_addr,
                                     .imr_interface.s_addr = htonl(INADDR_ANY)};
     return setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
-           setsockopt(fd, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on) == 0 &&
            setsockopt(fd, IPPROTO_IP, IP_MULTICAST_ALL, &off, sizeof off) == 0 &&
            bind(fd, (const struct sockaddr *)&address->group, sizeof address->group) == 0 &&
            setsockopt(fd, IPPROTO_IP, IP_ADD_MEMBERSHIP, &request, sizeof request) == 0;
@@ -168,7 +167,6 @@ static bool join_group(int fd, const lcm_udp_address_t *address)
 bool lcm_udp_receiver_open(lcm_udp_receiver_t *receiver, const lcm_udp_address_t *address,
                            const char *channel, int buffer_bytes)
 {
-    receiver->dropped = 0;
     receiver->fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (receiver->fd < 0) {
         return false;
@@ -218,20 +216,9 @@ bool lcm_udp_take_apart(lcm_udp_message_t *message, size_t length)
 
 int lcm_udp_receive(lcm_udp_receiver_t *receiver, lcm_udp_message_t *message)
 {
-    _Alignas(struct cmsghdr) uint8_t control[CMSG_SPACE(sizeof(uint32_t))];
-    struct iovec part = {.iov_base = message->datagram, .iov_len = sizeof message->datagram};
-    struct msghdr header = {.msg_iov = &part,
-                            .msg_iovlen = 1,
-                            .msg_control = control,
-                            .msg_controllen = sizeof control};
-    const ssize_t n = recvmsg(receiver->fd, &header, 0);
+    const ssize_t n = recv(receiver->fd, message->datagram, sizeof message->datagram, 0);
     if (n < 0) {
         return errno == EAGAIN || errno == EINTR ? 0 : -1;
-    }
-    for (struct cmsghdr *c = CMSG_FIRSTHDR(&header); c != NULL; c = CMSG_NXTHDR(&header, c)) {
-        if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
-            memcpy(&receiver->dropped, CMSG_DATA(c), sizeof receiver->dropped);
-        }
     }
     return lcm_udp_take_apart(message, (size_t)n) ? 1 : 0;
 }

@@ -38,9 +38,10 @@ typedef struct {
     uint8_t datagram[LCM_UDP_BATCH][LCM_UDP_MESSAGE_MAX];
 } lcm_udp_sender_t;
 
+/** Losses show as gaps in the messages' own sequence numbers: the kernel's count of drops
+ * (SO_RXQ_OVFL) also counts what the channel filter rejects. */
 typedef struct {
     int fd;
-    uint32_t dropped; /**< datagrams that the kernel dropped for want of buffer (SO_RXQ_OVFL) */
 } lcm_udp_receiver_t;
 
 /** A received datagram, taken apart; channel and payload point into `datagram`. */

@@ -254,9 +254,8 @@ int main(int argc, char **argv)
     (void)fflush(stdout);
     const int status = run(&rig);
     (void)printf("STATS {\"frames_received\": %lld, \"frames_sent\": %lld, \"frames_dropped\": %u, "
-                 "\"lcm_dropped\": %u, \"back_pressure\": %u, \"error_frames\": %u}\n",
+                 "\"back_pressure\": %u, \"error_frames\": %u}\n",
                  (long long)rig.frames_received, (long long)rig.frames_sent, rig.can.dropped,
-                 rig.arm_state.dropped + rig.bus_closed.dropped, rig.can.back_pressure,
-                 rig.can.error_frames);
+                 rig.can.back_pressure, rig.can.error_frames);
     return status;
 }

@@ -1,0 +1,395 @@
+"""tools/with-vcan: CAN and multicast inside, exact streams, status and signals, nothing left."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+WITH_VCAN = str(Path(__file__).parents[2] / "tools" / "with-vcan")
+UML = [WITH_VCAN, "--uml"]
+LIMIT_S = 30
+LEAST_PRIVILEGED = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+
+EXCHANGE = """
+candump -n 2 vcan0 & sleep 0.2
+cansend vcan0 181#1122334455667788
+cansend vcan0 7FF#
+wait
+"""
+
+MULTICAST = """
+import socket, struct
+group = "239.255.76.67"
+receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+receiver.bind((group, 7667))
+member = socket.inet_aton(group) + struct.pack("=I", socket.INADDR_ANY)
+receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+receiver.settimeout(5)
+sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+sender.sendto(b"tick", (group, 7667))
+print(receiver.recv(100).decode())
+"""
+
+SERVE_ONCE = """
+import socket
+listener = socket.create_server(("127.0.0.1", {port}))
+print("listening", flush=True)
+for _ in range(2):
+    connection, _ = listener.accept()
+    data = b""
+    while more := connection.recv(65536):
+        data += more
+    connection.sendall(data[::-1])
+    connection.close()
+"""
+
+UNTIL_SIGNAL = """
+import signal, sys, time
+def end(number, _):
+    print("got", signal.Signals(number).name, flush=True)
+    time.sleep(0.2)
+    print("ended in order", flush=True)
+    sys.exit(9)
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, end)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+def run(*command: str, **options) -> subprocess.CompletedProcess[bytes]:
+    options.setdefault("stdin", subprocess.DEVNULL)
+    if "input" in options:
+        del options["stdin"]
+    return subprocess.run(command, capture_output=True, timeout=LIMIT_S, **options)
+
+
+def start(*command: str, **options) -> subprocess.Popen[bytes]:
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, **options
+    )
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
+
+
+def sandbox_processes(mark: str) -> list[str]:
+    """Command lines of processes that carry the environment variable WITH_VCAN_TEST=mark."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if f"WITH_VCAN_TEST={mark}\0".encode() in (folder / "environ").read_bytes():
+                found.append((folder / "cmdline").read_bytes().decode(errors="replace"))
+        except OSError:
+            continue
+    return found
+
+
+def children_of(pid: int) -> set[int]:
+    """All descendants of a process."""
+    parents = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parents[int(folder.name)] = int((folder / "stat").read_text().rsplit(")")[1].split()[1])
+        except OSError:
+            continue
+    family = {pid}
+    while more := {child for child, parent in parents.items() if parent in family} - family:
+        family |= more
+    return family - {pid}
+
+
+def alive(pids: set[int]) -> list[str]:
+    lines = []
+    for pid in pids:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rsplit(")")[1].split()[0]
+            if state != "Z":
+                lines.append(Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue
+    return lines
+
+
+def eventually(holds: Callable[[], bool], within_s: float = 5.0) -> bool:
+    until = time.monotonic() + within_s
+    while time.monotonic() < until:
+        if holds():
+            return True
+        time.sleep(0.05)
+    return holds()
+
+
+@pytest.fixture(scope="module")
+def sandbox() -> Iterator[str]:
+    """One running sandbox, for all tests that join it."""
+    name = f"pytest-{os.getpid()}"
+    process = start(*UML, "--name", name, "sh", "-c", "echo up; sleep 1000")
+    assert process.stdout is not None and process.stdout.readline() == b"up\n"
+    yield name
+    process.terminate()
+    assert process.wait(LIMIT_S) == 128 + signal.SIGTERM
+
+
+def join(name: str) -> list[str]:
+    return [WITH_VCAN, "--join", name]
+
+
+def test_frames_pass_between_two_processes() -> None:
+    result = run(*UML, "sh", "-c", EXCHANGE)
+    assert result.stdout.split() == (
+        b"vcan0 181 [8] 11 22 33 44 55 66 77 88 vcan0 7FF [0]".split()
+    )
+    assert (result.returncode, result.stderr) == (0, b"")
+
+
+def test_the_joined_sandbox_has_can_multicast_and_buffers(sandbox: str) -> None:
+    dump = start(*join(sandbox), "candump", "-n", "1", "vcan0")
+    assert eventually(
+        lambda: b"vcan0" in run(*join(sandbox), "cat", "/proc/net/can/rcvlist_all").stdout
+    )
+    assert run(*join(sandbox), "cansend", "vcan0", "123#AB").returncode == 0
+    assert dump.communicate(timeout=LIMIT_S)[0].split() == b"vcan0 123 [1] AB".split()
+    assert run(*join(sandbox), "python3", "-c", MULTICAST).stdout == b"tick\n"
+    script = "cat /proc/sys/net/core/rmem_max /sys/class/net/vcan0/tx_queue_len"
+    result = run(*join(sandbox), "sh", "-c", script + "; echo $LCM_DEFAULT_URL")
+    assert result.stdout.split() == [
+        b"67108864",
+        b"1000",
+        b"udpm://239.255.76.67:7667?ttl=0",
+    ]
+
+
+def test_streams_are_exact_and_apart(sandbox: str) -> None:
+    data = random.Random(1).randbytes(1_000_003)
+    result = run(*join(sandbox), "sh", "-c", "cat; printf 'a\\nb' >&2", input=data)
+    assert result.stdout == data
+    assert result.stderr == b"a\nb"
+
+
+def test_output_of_the_main_command_is_not_cut(tmp_path: Path) -> None:
+    data = random.Random(2).randbytes(5_000_000)
+    (tmp_path / "data").write_bytes(data)
+    result = run(*UML, "sh", "-c", "cat data; printf end >&2; exit 3", cwd=tmp_path)
+    assert result.stdout == data
+    assert (result.returncode, result.stderr) == (3, b"end")
+
+
+def test_output_comes_promptly(sandbox: str) -> None:
+    process = start(*join(sandbox), "sh", "-c", "printf now; sleep 20")
+    begin = time.monotonic()
+    assert process.stdout is not None and process.stdout.read(3) == b"now"
+    assert time.monotonic() - begin < 5
+    process.terminate()
+    process.wait(LIMIT_S)
+
+
+def test_a_reader_that_stops_does_not_stop_the_others(sandbox: str) -> None:
+    stuck = start(*join(sandbox), "cat", "/dev/zero")
+    assert stuck.stdout is not None and stuck.stdout.read(1) == b"\0"
+    time.sleep(0.3)
+    assert run(*join(sandbox), "echo", "free").stdout == b"free\n"
+    stuck.stdout.close()  # as `| head` does: SIGPIPE ends the command
+    assert stuck.wait(LIMIT_S) == 128 + signal.SIGPIPE
+
+
+def test_arguments_environment_and_folder_arrive(sandbox: str, tmp_path: Path) -> None:
+    folder = tmp_path / "two words"
+    folder.mkdir()
+    words = ["a b", "line\nline", "", '"$HOME"', "\\", "é"]
+    script = 'printf "%s|" "$@"; printf "%s|" "$ODD"; pwd; umask'
+    result = run(
+        *join(sandbox),
+        "sh",
+        "-c",
+        script,
+        "sh",
+        *words,
+        cwd=folder,
+        env={**os.environ, "ODD": "x\ny=z"},
+        umask=0o027,
+    )
+    assert result.stdout.decode() == "|".join([*words, "x\ny=z", f"{folder}\n0027\n"])
+
+
+@pytest.mark.parametrize(
+    ("script", "status"),
+    [("exit 0", 0), ("exit 42", 42), ("kill -KILL $$", 137), ("kill -SEGV $$", 139)],
+)
+def test_exit_status(sandbox: str, script: str, status: int) -> None:
+    assert run(*join(sandbox), "sh", "-c", script).returncode == status
+
+
+def test_a_command_that_cannot_start(sandbox: str) -> None:
+    missing = run(*join(sandbox), "no-such-command")
+    assert missing.returncode == 127
+    assert missing.stderr == b"with-vcan: no-such-command: No such file or directory\n"
+    forbidden = run(*join(sandbox), "/etc/passwd")
+    assert forbidden.returncode == 126
+    assert forbidden.stderr == b"with-vcan: /etc/passwd: Permission denied\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_lets_the_command_end_in_order(number: signal.Signals) -> None:
+    process = start(*UML, "python3", "-c", UNTIL_SIGNAL)
+    assert process.stdout is not None and process.stdout.readline() == b"ready\n"
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=LIMIT_S)
+    assert output.decode() == f"got {number.name}\nended in order\n"
+    assert process.returncode == 9
+
+
+def test_a_command_that_ignores_sigterm_is_killed_in_the_end(sandbox: str) -> None:
+    process = start(*join(sandbox), "sh", "-c", "trap '' TERM; echo on; while :; do sleep 1; done")
+    assert process.stdout is not None and process.stdout.readline() == b"on\n"
+    process.terminate()
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(5)
+    assert process.wait(LIMIT_S) == 137
+
+
+def test_written_files_are_on_the_host_at_the_end(sandbox: str, tmp_path: Path) -> None:
+    assert run(*join(sandbox), "sh", "-c", "seq 100000 > file", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "file").read_bytes().split()[-1] == b"100000"
+
+
+def test_the_clock_runs_at_real_time(sandbox: str) -> None:
+    clock = [*join(sandbox), "cut", "-d", " ", "-f", "1", "/proc/uptime"]
+    begin, inside = time.monotonic(), float(run(*clock).stdout)
+    time.sleep(1.0)
+    elapsed = time.monotonic() - begin
+    assert float(run(*clock).stdout) - inside == pytest.approx(elapsed, abs=0.5)
+
+
+def test_forward_serves_a_port_of_the_sandbox() -> None:
+    port = free_port()
+    process = start(*UML, "--forward", str(port), "python3", "-c", SERVE_ONCE.format(port=port))
+    assert process.stdout is not None and process.stdout.readline() == b"listening\n"
+    for data in (b"short", random.Random(3).randbytes(300_000)):
+        with socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S) as connection:
+            connection.sendall(data)
+            connection.shutdown(socket.SHUT_WR)
+            answer = b"".join(iter(lambda: connection.recv(65536), b""))
+        assert answer == data[::-1]
+    process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0
+
+
+def test_two_sandboxes_at_once_are_apart(sandbox: str) -> None:
+    dump = start(*join(sandbox), "candump", "-T", "1500", "vcan0")
+    other = run(*UML, "sh", "-c", EXCHANGE)
+    assert len(other.stdout.splitlines()) == 2
+    assert dump.communicate(timeout=LIMIT_S)[0] == b""
+
+
+def test_own_failures_are_one_line_and_125(sandbox: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        port = busy.getsockname()[1]
+        cases = [
+            ([*UML, "--name", sandbox, "true"], f"a sandbox named {sandbox} is running already"),
+            ([WITH_VCAN, "--join", "nobody", "true"], "no sandbox named nobody is running"),
+            ([*UML, "--forward", str(port), "true"], f"127.0.0.1:{port}: Address already in use"),
+            ([WITH_VCAN], "no command given"),
+            ([WITH_VCAN, "--mem", "1", "true"], "--mem 1: 64 to 65536"),
+            ([WITH_VCAN, "--bogus", "true"], "--bogus"),
+        ]
+        for command, text in cases:
+            result = run(*command)
+            assert result.returncode == 125, command
+            lines = result.stderr.decode().splitlines()
+            assert len(lines) == 1 and lines[0].startswith("with-vcan: ") and text in lines[0]
+
+
+def test_info_is_one_json_line() -> None:
+    result = run(*UML, "--info")
+    assert json.loads(result.stdout) == {"way": "uml", "why": "asked for by --uml"}
+    assert json.loads(run(WITH_VCAN, "--info").stdout)["way"] in ("native", "uml")
+
+
+def test_nothing_is_left_behind(tmp_path: Path) -> None:
+    def leftovers() -> tuple[set[str], str]:
+        names = {
+            str(path)
+            for folder in ("/tmp", "/dev/shm", os.environ.get("XDG_RUNTIME_DIR", "/tmp"))
+            for path in Path(folder).iterdir()
+        }
+        return names, Path("/proc/mounts").read_text()
+
+    before = leftovers()
+    (tmp_path / "home").mkdir()
+    process = start(
+        *UML,
+        "--name",
+        f"left-{os.getpid()}",
+        "sh",
+        "-c",
+        "sleep 100 & setsid sleep 100 & echo up; read line",
+        env={**os.environ, "HOME": str(tmp_path / "home")},
+    )
+    process.wait(LIMIT_S)
+    names, mounts = leftovers()
+    mine = {name for name in names - before[0] if "vcan" in name or "uml" in name}
+    assert not mine and mounts == before[1]
+    assert not list((tmp_path / "home").iterdir())
+
+
+@pytest.mark.parametrize("who", ["client", "hub"])
+def test_a_kill_leaves_no_process_and_frees_the_name(who: str) -> None:
+    name = f"kill-{who}-{os.getpid()}"
+    process = start(*UML, "--name", name, "sh", "-c", "echo up; sleep 1000")
+    assert process.stdout is not None and process.stdout.readline() == b"up\n"
+    family = children_of(process.pid)
+    assert len(family) >= 3
+    if who == "client":
+        process.kill()
+    else:
+        hub = min(family)
+        os.kill(hub, signal.SIGKILL)
+        assert process.communicate(timeout=LIMIT_S)[1] == b"with-vcan: the sandbox is gone\n"
+        assert process.returncode == 125
+    assert eventually(lambda: not alive(family), 10), alive(family)
+    assert run(*UML, "--name", name, "true").returncode == 0
+
+
+def test_native_way_inside_user_mode_linux(sandbox: str) -> None:
+    """The kernel of user-mode Linux has CAN: with-vcan in it must take the native way."""
+    inside = [*join(sandbox), WITH_VCAN]
+    assert json.loads(run(*inside, "--info").stdout)["way"] == "native"
+    dump = start(*join(sandbox), "candump", "-T", "6000", "vcan0")
+    result = run(*inside, "sh", "-c", EXCHANGE + "exit 5")
+    assert (result.returncode, len(result.stdout.splitlines())) == (5, 2)
+    assert run(*inside, "python3", "-c", MULTICAST).stdout == b"tick\n"
+    assert dump.communicate(timeout=LIMIT_S)[0] == b"", "the namespace is not private"
+
+
+def test_native_way_needs_no_root_and_ends_its_processes(sandbox: str) -> None:
+    inside = [*join(sandbox), *LEAST_PRIVILEGED, WITH_VCAN]
+    result = run(*inside, "sh", "-c", EXCHANGE + "setsid sleep 4321 & sleep 0.2", cwd="/")
+    assert len(result.stdout.splitlines()) == 2, result.stderr
+    left = run(*join(sandbox), "sh", "-c", "grep -alE 'slee[p].4321' /proc/*/cmdline")
+    assert left.stdout == b""
+
+
+def test_native_join_and_signal(sandbox: str) -> None:
+    script = f"""
+{WITH_VCAN} --name inner sh -c 'echo up; candump -n 1 vcan0' & first=$!
+until {WITH_VCAN} --join inner grep -q vcan0 /proc/net/can/rcvlist_all; do sleep 0.2; done
+{WITH_VCAN} --join inner cansend vcan0 321#CC
+wait $first; echo status $?
+{WITH_VCAN} sleep 100 & sleep 2; kill -TERM $!; wait $!; echo status $?
+"""
+    result = run(*join(sandbox), "sh", "-c", script)
+    assert result.stdout.split() == b"up vcan0 321 [1] CC status 0 status 143".split()
