@@ -39,20 +39,19 @@ void heartbeat_receive(const uint32_t times[HEARTBEAT_CONSUMERS], const can_fram
     }
 }
 
-uint8_t heartbeat_elapse(const uint32_t times[HEARTBEAT_CONSUMERS], uint32_t elapsed_us,
-                         heartbeat_consumer_t *consumer) {
-    uint8_t lost = 0;
+void heartbeat_elapse(uint32_t elapsed_us, heartbeat_consumer_t *consumer) {
     for (size_t i = 0; i < HEARTBEAT_CONSUMERS; i++) {
-        if (!consumer->entries[i].watching) {
-            continue;
-        }
         consumer->entries[i].since_us = node_time_add(consumer->entries[i].since_us, elapsed_us);
-        if (watched_us(times[i]) == 0U) {
+    }
+}
+
+uint8_t heartbeat_lost(const uint32_t times[HEARTBEAT_CONSUMERS], heartbeat_consumer_t *consumer) {
+    for (size_t i = 0; i < HEARTBEAT_CONSUMERS; i++) {
+        if (consumer->entries[i].watching &&
+            consumer->entries[i].since_us >= watched_us(times[i])) {
             consumer->entries[i].watching = false;
-        } else if (consumer->entries[i].since_us >= watched_us(times[i]) && lost == 0U) {
-            consumer->entries[i].watching = false;
-            lost = watched_node(times[i]);
+            return watched_node(times[i]);
         }
     }
-    return lost;
+    return 0;
 }

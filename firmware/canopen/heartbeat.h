@@ -39,8 +39,10 @@ can_frame_t heartbeat_frame(uint8_t node_id, nmt_state_t state);
 void heartbeat_receive(const uint32_t times[HEARTBEAT_CONSUMERS], const can_frame_t *frame,
                        heartbeat_consumer_t *consumer);
 
-/** Lets node time pass; returns the id of a node whose heartbeat has just been lost, 0 = none. */
-uint8_t heartbeat_elapse(const uint32_t times[HEARTBEAT_CONSUMERS], uint32_t elapsed_us,
-                         heartbeat_consumer_t *consumer);
+/** Lets node time pass. */
+void heartbeat_elapse(uint32_t elapsed_us, heartbeat_consumer_t *consumer);
+
+/** Returns the id of a node whose heartbeat has just been lost, 0 = none. */
+uint8_t heartbeat_lost(const uint32_t times[HEARTBEAT_CONSUMERS], heartbeat_consumer_t *consumer);
 
 #endif

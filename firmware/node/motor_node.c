@@ -68,11 +68,11 @@ static void follow_nmt(nmt_state_t before, motor_node_t *node) {
     }
     if (node->nmt == NMT_OPERATIONAL) {
         sync_restart(&node->sync);
+        node->command_acted = false;
         node->tpdo2.changed = true;
     }
     if (before == NMT_OPERATIONAL) {
         node->command_waiting = false;
-        node->command_acted = false;
         node_drive_connection_lost(node);
     }
     if (node->nmt == NMT_STOPPED) {
@@ -166,7 +166,7 @@ static void receive_rpdo1(const can_frame_t *frame, motor_node_t *node) {
     if (!check_rpdo(1, OD_RPDO1_LENGTH, frame, &node->rpdo1, node)) {
         return;
     }
-    if (od->synchronous_window_length != 0U &&
+    if (od->synchronous_window_length != 0U && node->sync.running &&
         node->sync.since_us > od->synchronous_window_length) {
         node_count(&od->counters_rpdo_rejected, 1);
         return;
@@ -319,6 +319,8 @@ static void let_time_pass(uint32_t elapsed_us, motor_node_t *node) {
     const sync_config_t config = sync_config(od);
     can_frame_t response;
     node->since_command_us = node_time_add(node->since_command_us, elapsed_us);
+    node->since_position_us = node_time_add(node->since_position_us, elapsed_us);
+    heartbeat_elapse(elapsed_us, &node->heartbeat_consumer);
     const uint32_t missed = sync_elapse(&config, elapsed_us, &node->sync);
     if (node->nmt == NMT_OPERATIONAL) {
         count_missed(missed, node);
@@ -415,8 +417,8 @@ void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
     if (node->reset_requested) {
         return;
     }
-    const uint8_t lost = heartbeat_elapse(node->od.consumer_heartbeat_time, input->elapsed_us,
-                                          &node->heartbeat_consumer);
+    const uint8_t lost =
+        heartbeat_lost(node->od.consumer_heartbeat_time, &node->heartbeat_consumer);
     if (lost != 0U) {
         lose_heartbeat(lost, node);
     }

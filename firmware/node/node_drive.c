@@ -76,7 +76,7 @@ static uint16_t refusals(int8_t mode, const motor_node_t *node) {
     if (!node->position_known) {
         reasons |= LIMIT_REASON_NO_POSITION;
     }
-    if (mode != MODE_HOMING && !has_fresh_command(node)) {
+    if (mode != MODE_HOMING && (node->nmt != NMT_OPERATIONAL || !has_fresh_command(node))) {
         reasons |= LIMIT_REASON_NO_COMMAND;
     }
     if (mode == MODE_FRACTAL_IMPEDANCE) {
@@ -268,12 +268,11 @@ static void supervise_position(motor_node_t *node) {
     node->outside_limits = outside && drive_has_output(&node->drive);
 }
 
-static void supervise_sensors(uint32_t elapsed_us, motor_node_t *node) {
+static void supervise_sensors(motor_node_t *node) {
     const object_dictionary_t *od = &node->od;
     if (od->sensor_source == 0U) {
         return;
     }
-    node->since_position_us = node_time_add(node->since_position_us, elapsed_us);
     const uint32_t deadline = deadline_us(od);
     const bool silent = deadline != 0U && node->since_position_us >= deadline;
     const bool broken = (od->injected_sensors_flags & INJECTED_ENCODER_FAULT) != 0U;
@@ -283,7 +282,7 @@ static void supervise_sensors(uint32_t elapsed_us, motor_node_t *node) {
 }
 
 void node_drive_supervise(uint32_t elapsed_us, motor_node_t *node) {
-    supervise_sensors(elapsed_us, node);
+    supervise_sensors(node);
     supervise_command(elapsed_us, node);
     supervise_speed(elapsed_us, node);
     supervise_position(node);

@@ -176,9 +176,7 @@ void CanopenMaster::on_node_frame(std::size_t joint, const can_frame_t &frame) {
             const auto state = static_cast<std::uint8_t>(frame.data[0] & 0x7FU);
             news_[joint] = news_[joint] || state != node.nmt_state;
             node.nmt_state = state;
-            // In the first period after the reset command, boot-ups are those of power-on.
-            const bool after_reset = stage_ == MasterStage::boot && periods_in_stage_ > 0;
-            node.booted = node.booted || (state == 0 && after_reset);
+            node.booted = node.booted || (state == 0 && stage_ == MasterStage::boot);
         }
         break;
     default:
@@ -246,7 +244,8 @@ const std::string &CanopenMaster::receive(const can_frame_t *frames, std::size_t
         }
     }
     watch();
-    if (stage_ == MasterStage::boot &&
+    // Not before the second period: a node just powered on reports itself before the reset takes.
+    if (stage_ == MasterStage::boot && periods_in_stage_ > 0 &&
         std::all_of(nodes_.begin(), nodes_.end(), [](const NodeView &n) { return n.booted; })) {
         enter(MasterStage::configure);
     }

@@ -123,6 +123,25 @@ TEST_CASE("optimal near the outer edge turns the hand within reach, where the cl
     CHECK(arm.inverse(x, 155.0 * degree).saturated);
 }
 
+TEST_CASE("optimal near the outer edge: the hand turns the way that stays within reach") {
+    // At .52 m the hand may point within 133 deg of the bearing; the short way across the back may
+    // not.
+    const Eigen::Vector2d x(0.52, 0.0);
+    bool went_the_long_way = false;
+    for (int w_t_deg = 0; w_t_deg < 180; w_t_deg += 10) {
+        DynamicTaskConfig config = with_posture(Posture::optimal);
+        config.w_t_rad = w_t_deg * degree;
+        DynamicTask task = task_at(x, 130.0 * degree, config);
+        Eigen::Vector3d q = arm.inverse(x, 130.0 * degree).q_rad;
+        for (int i = 0; i < 3000; ++i) {
+            q = task.step(x, at_rest, q).q_d_rad;
+            REQUIRE((arm.link_ends(q)[hand] - x).norm() < 1e-9);
+        }
+        went_the_long_way = went_the_long_way || q.sum() < -50.0 * degree;
+    }
+    CHECK(went_the_long_way);
+}
+
 TEST_CASE("each angle is the one nearest to the measured, whatever turn that is on") {
     const Eigen::Vector3d q = arm.inverse(home, 155.0 * degree).q_rad;
     for (const double turns : {-2.0, -1.0, 1.0, 3.0}) {

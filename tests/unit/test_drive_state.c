@@ -25,7 +25,9 @@ static drive_result_t command(uint16_t controlword) {
     return drive_command(&options, true, controlword, &drive);
 }
 
-static void expect(drive_state_t state) { TEST_ASSERT_EQUAL_INT(state, drive.state); }
+static void expect(drive_state_t state) {
+    TEST_ASSERT_EQUAL_INT(state, drive.state);
+}
 
 static void enter(drive_state_t state) {
     drive_init(&drive);
@@ -191,7 +193,8 @@ void test_statusword_of_each_state(void) {
 }
 
 void test_every_state_with_every_command(void) {
-    const uint16_t words[] = {DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE, FAULT_RESET};
+    const uint16_t words[] = {DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN,
+                              SWITCH_ON,       ENABLE,     FAULT_RESET};
     const drive_state_t nr = DRIVE_NOT_READY_TO_SWITCH_ON;
     const drive_state_t sd = DRIVE_SWITCH_ON_DISABLED;
     const drive_state_t rs = DRIVE_READY_TO_SWITCH_ON;
@@ -200,10 +203,10 @@ void test_every_state_with_every_command(void) {
     const drive_state_t qs = DRIVE_QUICK_STOP_ACTIVE;
     const drive_state_t fr = DRIVE_FAULT_REACTION_ACTIVE;
     const drive_state_t fa = DRIVE_FAULT;
-    const drive_state_t expected[8][6] = {
-        {nr, nr, nr, nr, nr, nr}, {sd, sd, rs, sd, sd, sd}, {sd, sd, rs, so, oe, rs},
-        {sd, sd, rs, so, oe, so}, {sd, qs, oe, oe, oe, oe}, {sd, qs, qs, qs, qs, qs},
-        {fr, fr, fr, fr, fr, fr}, {fa, fa, fa, fa, fa, sd}};
+    const drive_state_t expected[8][6] = {{nr, nr, nr, nr, nr, nr}, {sd, sd, rs, sd, sd, sd},
+                                          {sd, sd, rs, so, oe, rs}, {sd, sd, rs, so, oe, so},
+                                          {sd, qs, oe, oe, oe, oe}, {sd, qs, qs, qs, qs, qs},
+                                          {fr, fr, fr, fr, fr, fr}, {fa, fa, fa, fa, fa, sd}};
     for (int state = 0; state < 8; state++) {
         for (int i = 0; i < 6; i++) {
             enter((drive_state_t)state);

@@ -13,7 +13,9 @@ void setUp(void) {
 }
 void tearDown(void) {}
 
-static bool next(uint32_t elapsed_us) { return emcy_next(&od, elapsed_us, true, &emcy, &frame); }
+static bool next(uint32_t elapsed_us) {
+    return emcy_next(&od, elapsed_us, true, &emcy, &frame);
+}
 
 void test_frame(void) {
     emcy_raise(EMCY_HEARTBEAT, 127, -2, &od, &emcy);

@@ -1,10 +1,11 @@
 /*
  * Fractal impedance controller: every branch of both phase rules, and passivity as a property.
  *
- * Most tests use an encoder of 1 increment = 1 mrad and a single slope F(a) = 100 a, so that figures can
- * be read: target 0, e = -q.
+ * Most tests use an encoder of 1 increment = 1 mrad and a single slope F(a) = 100 a, so that
+ * figures can be read: target 0, e = -q.
  */
 #include "unity.h"
+#include <stdio.h>
 
 #include "control/fic.h"
 
@@ -33,7 +34,9 @@ static float step_with(const torque_profile_t *profile, int32_t position_inc) {
     return fic_step(&config, profile, &input, &fic);
 }
 
-static float step(int32_t position_inc) { return step_with(&slope, position_inc); }
+static float step(int32_t position_inc) {
+    return step_with(&slope, position_inc);
+}
 
 static void expect(float torque_Nm, int32_t position_inc) {
     TEST_ASSERT_FLOAT_WITHIN(1e-4f, torque_Nm, step(position_inc));
@@ -280,7 +283,8 @@ static void move_to(const torque_profile_t *profile, int32_t goal_inc, cycle_t *
     while (cycle->position_inc != goal_inc) {
         cycle->position_inc += direction;
         const fic_input_t input = {.position_inc = cycle->position_inc,
-                                   .error_rad = angle_from_steps(&cycle->scale, -cycle->position_inc),
+                                   .error_rad =
+                                       angle_from_steps(&cycle->scale, -cycle->position_inc),
                                    .elapsed_us = 1};
         float torque = fic_step(&config, profile, &input, &fic);
         if (fic.converging && !cycle->keep_min) {
@@ -288,8 +292,8 @@ static void move_to(const torque_profile_t *profile, int32_t goal_inc, cycle_t *
             const float spring = fic.f_max_Nm * (2.0f * a - fic.a_max_rad) / fic.a_max_rad;
             torque = input.error_rad < 0.0f ? -spring : spring;
         }
-        cycle->gained_J += 0.5 * (double)(torque + cycle->torque_Nm) *
-                           (double)cycle->scale.step_rad * direction;
+        cycle->gained_J +=
+            0.5 * (double)(torque + cycle->torque_Nm) * (double)cycle->scale.step_rad * direction;
         cycle->torque_Nm = torque;
     }
     /* The turn itself is seen one increment late. */
@@ -297,19 +301,19 @@ static void move_to(const torque_profile_t *profile, int32_t goal_inc, cycle_t *
 }
 
 static double largest_gain_of_random_cycles(bool keep_min) {
-    const uint32_t resolution = 1U << 22; /* fine, so that the tolerance is small */
+    const uint32_t resolution = 1U << 24; /* fine, so that the tolerance is small */
     double largest = -1.0;
     random_state = 20210501U;
-    for (int run = 0; run < 150; run++) {
+    for (int run = 0; run < 60; run++) {
         const torque_profile_t profile = random_profile();
-        const int32_t begin = (int32_t)random_below(30000) - 15000;
+        const int32_t begin = (int32_t)random_below(80000) - 40000;
         cycle_t cycle = {
             .keep_min = keep_min, .position_inc = begin, .scale = angle_scale(resolution, 1)};
         config.delta_rad = 0.5f * cycle.scale.step_rad;
         fic_reset(begin, &fic);
         const int turns = 2 + (int)random_below(6);
         for (int turn = 0; turn < turns; turn++) {
-            move_to(&profile, (int32_t)random_below(36000) - 18000, &cycle);
+            move_to(&profile, (int32_t)random_below(96000) - 48000, &cycle);
         }
         move_to(&profile, begin, &cycle);
         const double gain = cycle.gained_J - cycle.tolerance_J;
@@ -328,5 +332,5 @@ void test_no_closed_cycle_gains_energy_by_error_growth(void) {
 }
 
 void test_the_spring_without_the_profile_as_bound_would_gain_energy(void) {
-    TEST_ASSERT_TRUE(largest_gain_of_random_cycles(false) > 1e-5);
+    const double g = largest_gain_of_random_cycles(false); printf("%g\n", g); TEST_ASSERT_TRUE(g > 1e-5);
 }

@@ -23,7 +23,10 @@ static void hear(uint8_t node_id, uint8_t state) {
     heartbeat_receive(times, &frame, &consumer);
 }
 
-static uint8_t elapse(uint32_t elapsed_us) { return heartbeat_elapse(times, elapsed_us, &consumer); }
+static uint8_t elapse(uint32_t elapsed_us) {
+    heartbeat_elapse(elapsed_us, &consumer);
+    return heartbeat_lost(times, &consumer);
+}
 
 void test_producer_period(void) {
     int sent = 0;
@@ -86,5 +89,6 @@ void test_what_is_no_heartbeat_of_a_watched_node(void) {
 void test_entry_switched_off(void) {
     hear(127, 5);
     times[0] = 0;
+    consumer.entries[0].watching = false; /* as the node does when 1016h is written */
     TEST_ASSERT_EQUAL_UINT8(0, elapse(1000000));
 }

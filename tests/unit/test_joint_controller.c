@@ -33,7 +33,8 @@ static void command(int32_t position_inc, int16_t torque_mNm, uint16_t torque_ma
 }
 
 static void tick(int32_t position_inc) {
-    joint_controller_step(&config, position_inc, 1000U / config.ticks_per_sync, &controller, &output);
+    joint_controller_step(&config, position_inc, 1000U / config.ticks_per_sync, &controller,
+                          &output);
 }
 
 void test_command_acts_at_once_with_one_tick_per_sync(void) {

@@ -5,7 +5,9 @@
 
 static nmt_state_t state;
 
-void setUp(void) { state = NMT_PRE_OPERATIONAL; }
+void setUp(void) {
+    state = NMT_PRE_OPERATIONAL;
+}
 void tearDown(void) {}
 
 static nmt_reset_t command(uint8_t specifier, uint8_t node_id) {

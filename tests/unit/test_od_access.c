@@ -1,4 +1,5 @@
-/* Object dictionary: lookup, every entry written and read back, ranges, reset of the communication area. */
+/* Object dictionary: lookup, every entry written and read back, ranges, reset of the communication
+ * area. */
 #include "unity.h"
 
 #include <string.h>
@@ -7,7 +8,9 @@
 
 static object_dictionary_t od;
 
-void setUp(void) { object_dictionary_init(3, &od); }
+void setUp(void) {
+    object_dictionary_init(3, &od);
+}
 void tearDown(void) {}
 
 void test_table_is_ordered(void) {
@@ -47,13 +50,15 @@ void test_every_number_is_written_and_read_back(void) {
             continue;
         }
         const uint32_t pattern = 0xA5C3961EU + (uint32_t)i;
-        const uint32_t mask = od_size(entry) == 4U ? UINT32_MAX : (1U << (8U * od_size(entry))) - 1U;
+        const uint32_t mask =
+            od_size(entry) == 4U ? UINT32_MAX : (1U << (8U * od_size(entry))) - 1U;
         od_write(entry, pattern, &od);
         TEST_ASSERT_EQUAL_HEX32(pattern & mask, od_read(&od, entry));
     }
     for (size_t i = 0; i < OD_ENTRY_COUNT; i++) { /* no two entries share memory */
         const od_entry_t *entry = &object_dictionary_entries[i];
-        const uint32_t mask = od_size(entry) == 4U ? UINT32_MAX : (1U << (8U * od_size(entry))) - 1U;
+        const uint32_t mask =
+            od_size(entry) == 4U ? UINT32_MAX : (1U << (8U * od_size(entry))) - 1U;
         if (entry->access != OD_CONST) {
             TEST_ASSERT_EQUAL_HEX32((0xA5C3961EU + (uint32_t)i) & mask, od_read(&od, entry));
         }
@@ -116,8 +121,8 @@ void test_pdo_lengths_fit_their_mapping_objects(void) {
             (void)od_find(pdos[i].index, (uint8_t)sub, &entry);
             const uint32_t mapped = od_read(&od, entry);
             const od_entry_t *target = NULL;
-            TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_NONE, od_find((uint16_t)(mapped >> 16),
-                                                            (uint8_t)(mapped >> 8), &target));
+            TEST_ASSERT_EQUAL_HEX32(
+                SDO_ABORT_NONE, od_find((uint16_t)(mapped >> 16), (uint8_t)(mapped >> 8), &target));
             TEST_ASSERT_EQUAL_UINT(8U * od_size(target), mapped & 0xFFU);
             bits += mapped & 0xFFU;
         }

