@@ -9,8 +9,7 @@ void sync_restart(sync_t *sync) {
 
 uint32_t sync_elapse(const sync_config_t *config, uint32_t elapsed_us, sync_t *sync) {
     sync->since_us = node_time_add(sync->since_us, elapsed_us);
-    if (!sync->running || config->period_us == 0U ||
-        sync->since_us < config->period_us + config->period_us / 2U) {
+    if (!sync->running || config->period_us == 0U || sync->since_us < config->period_us) {
         return 0;
     }
     const uint32_t overdue = (sync->since_us - config->period_us / 2U) / config->period_us;

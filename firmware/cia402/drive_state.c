@@ -59,15 +59,9 @@ void drive_init(drive_t *drive) {
 }
 
 drive_result_t drive_quick_stop(const drive_options_t *options, drive_t *drive) {
-    if (drive->state == DRIVE_OPERATION_ENABLED) {
-        const drive_state_t next =
-            options->quick_stop >= 5 ? DRIVE_QUICK_STOP_ACTIVE : DRIVE_SWITCH_ON_DISABLED;
-        return leave(options->quick_stop != 0, DRIVE_QUICK_STOP_ACTIVE, next, drive);
-    }
-    if (drive->state == DRIVE_READY_TO_SWITCH_ON || drive->state == DRIVE_SWITCHED_ON) {
-        go(DRIVE_SWITCH_ON_DISABLED, drive);
-    }
-    return DRIVE_DONE;
+    const drive_state_t next =
+        options->quick_stop >= 5 ? DRIVE_QUICK_STOP_ACTIVE : DRIVE_SWITCH_ON_DISABLED;
+    return leave(options->quick_stop != 0, DRIVE_QUICK_STOP_ACTIVE, next, drive);
 }
 
 static drive_result_t in_ready_to_switch_on(command_t command, bool may_enable, drive_t *drive) {

@@ -65,7 +65,7 @@ void drive_init(drive_t *drive);
 drive_result_t drive_command(const drive_options_t *options, bool may_enable, uint16_t controlword,
                              drive_t *drive);
 
-/** Quick stop from within, as controlword 2 does it. */
+/** Transition 11 from within; operation must be enabled. */
 drive_result_t drive_quick_stop(const drive_options_t *options, drive_t *drive);
 
 /** Transition 13. ramp = false: torque off at once, whatever 605Eh says. */

@@ -17,6 +17,7 @@ void joint_controller_command(const joint_command_t *command, joint_controller_t
 void joint_controller_hold(int32_t position_inc, joint_controller_t *controller) {
     controller->now.position_inc = position_inc;
     controller->before = controller->now;
+    fic_reset(position_inc, &controller->fic); /* else its brake at zero error would jolt */
 }
 
 void joint_controller_step(const joint_controller_config_t *config, int32_t position_inc,

@@ -58,7 +58,7 @@ void joint_controller_reset(int32_t position_inc, const joint_command_t *command
 /** The command that begins to act at this SYNC. */
 void joint_controller_command(const joint_command_t *command, joint_controller_t *controller);
 
-/** From now on Q_d is this position; T_d and T_max stay. */
+/** From now on Q_d is this position, and the FIC starts afresh at it; T_d and T_max stay. */
 void joint_controller_hold(int32_t position_inc, joint_controller_t *controller);
 
 /** One joint tick. */

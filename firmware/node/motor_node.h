@@ -90,7 +90,7 @@ typedef struct {
     rpdo_t rpdo2;
     rpdo_t rpdo4;
     tpdo_event_t tpdo2;
-    uint32_t tpdo2_content; /**< mode, limit reasons and missed SYNCs of the step before */
+    uint32_t tpdo2_content; /**< mode and limit reasons of the step before; a change is an event */
     frame_queue_t to_send;
 
     can_frame_t waiting_command; /**< newest RPDO1, acts at the next SYNC */

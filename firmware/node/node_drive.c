@@ -101,6 +101,8 @@ static void start(motor_node_t *node) {
     node->halted = false;
     node->ramp_ppm = 0;
     node->following_error_us = 0;
+    node->speed_from_inc = node->od.position_actual_value;
+    node->speed_since_us = 0;
 }
 
 bool node_drive_has_mode(int8_t mode) {

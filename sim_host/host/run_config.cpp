@@ -24,7 +24,7 @@ std::string number_text(double value) {
 
 std::string range_text(double low, double high) {
     char text[80];
-    std::snprintf(text, sizeof text, "%g to %g", low, high);
+    std::snprintf(text, sizeof text, "%.10g to %.10g", low, high);
     return text;
 }
 
@@ -412,9 +412,9 @@ void check(const RunConfig &c) {
             "joint.q_p_rad: must lie between joint.q_a_rad and joint.q_b_rad");
     for (int i = 0; i < 3; ++i) {
         require(c.hpmc.region_of_attraction.force_max_N[i] >=
-                    0.95 * c.hpmc.region_of_attraction.stiffness_N_m[i] *
+                    c.hpmc.region_of_attraction.stiffness_N_m[i] *
                         c.hpmc.region_of_attraction.saturation_m,
-                "region_of_attraction.force_max_N: must be at least 0.95 K0 x_b");
+                "region_of_attraction.force_max_N: must be at least stiffness_N_m x saturation_m");
     }
     require(c.sensors == Sensors::direct || c.joint.rate_Hz == 1000,
             "rig.sensors: injected sensors come once per SYNC, so joint.rate_Hz must be 1000");

@@ -194,6 +194,12 @@ void ArmPlant::advance(const Eigen::Vector3d &tau_Nm, double duration_s) {
     world_->track_angles();
 }
 
+void ArmPlant::advance_ode_alone(long steps) {
+    for (long i = 0; i < steps; ++i) {
+        dWorldStep(world_->world.get(), world_->config.step_s);
+    }
+}
+
 ArmPlantState ArmPlant::state() const {
     const World &world = *world_;
     const Eigen::Vector3d &angle = world.link_angle_rad;

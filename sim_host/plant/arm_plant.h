@@ -47,6 +47,9 @@ class ArmPlant {
 
     ArmPlantState state() const;
 
+    /// Only ODE's own steps, nothing around them: what a benchmark compares the rest with.
+    void advance_ode_alone(long steps);
+
   private:
     struct World;
     std::unique_ptr<World> world_;

@@ -5,7 +5,6 @@
  * figures can be read: target 0, e = -q.
  */
 #include "unity.h"
-#include <stdio.h>
 
 #include "control/fic.h"
 
@@ -29,7 +28,7 @@ void tearDown(void) {}
 
 static float step_with(const torque_profile_t *profile, int32_t position_inc) {
     const fic_input_t input = {.position_inc = position_inc,
-                               .error_rad = (float)(target_inc - position_inc) * 0.001f,
+                               .error_rad = ((float)target_inc - (float)position_inc) * 0.001f,
                                .elapsed_us = TICK_us};
     return fic_step(&config, profile, &input, &fic);
 }
@@ -304,14 +303,14 @@ static double largest_gain_of_random_cycles(bool keep_min) {
     const uint32_t resolution = 1U << 24; /* fine, so that the tolerance is small */
     double largest = -1.0;
     random_state = 20210501U;
-    for (int run = 0; run < 60; run++) {
+    for (int run = 0; run < 100; run++) {
         const torque_profile_t profile = random_profile();
         const int32_t begin = (int32_t)random_below(80000) - 40000;
         cycle_t cycle = {
             .keep_min = keep_min, .position_inc = begin, .scale = angle_scale(resolution, 1)};
         config.delta_rad = 0.5f * cycle.scale.step_rad;
         fic_reset(begin, &fic);
-        const int turns = 2 + (int)random_below(6);
+        const int turns = 1 + (int)random_below(4);
         for (int turn = 0; turn < turns; turn++) {
             move_to(&profile, (int32_t)random_below(96000) - 48000, &cycle);
         }
@@ -332,5 +331,5 @@ void test_no_closed_cycle_gains_energy_by_error_growth(void) {
 }
 
 void test_the_spring_without_the_profile_as_bound_would_gain_energy(void) {
-    const double g = largest_gain_of_random_cycles(false); printf("%g\n", g); TEST_ASSERT_TRUE(g > 1e-5);
+    TEST_ASSERT_TRUE(largest_gain_of_random_cycles(false) > 1e-4);
 }

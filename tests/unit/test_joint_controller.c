@@ -125,6 +125,18 @@ void test_hold_replaces_the_position_only(void) {
     TEST_ASSERT_FLOAT_WITHIN(1e-7f, 70.0f * 9.58738e-5f, output.error_rad);
 }
 
+void test_hold_while_converging_does_not_jolt(void) {
+    config.fic.phase_rule = FIC_ERROR_GROWTH;
+    command(300, 4000, 4000);
+    for (int32_t q = 0; q < 250; q += 10) {
+        tick(q);
+    }
+    TEST_ASSERT_TRUE(controller.fic.converging);
+    joint_controller_hold(250, &controller);
+    tick(250);
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, output.torque_Nm);
+}
+
 void test_extremes_of_the_position_range(void) {
     use_ticks(10);
     command(INT32_MIN, -32767, 32767);

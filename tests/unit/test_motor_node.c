@@ -121,6 +121,23 @@ void test_life_from_power_on_to_stop(void) {
     TEST_ASSERT_EQUAL_HEX8(0, rig.node.od.error_register);
 }
 
+void test_enabled_again_it_follows_commands_again(void) {
+    rig_run();
+    rig_control(0x02, 0);
+    rig_cycles(101);
+    TEST_ASSERT_FALSE(rig.output.output_enabled);
+    rig.node.od.counters_missed_sync = 7;
+    rig_enable();
+    TEST_ASSERT_EQUAL_UINT16(0, rig.node.od.counters_missed_sync);
+    rig_cycles(101);
+    rig.desired_inc = 5300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(4000, torque_mNm());
+    rig.desired_inc = 4700;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(-4000, torque_mNm());
+}
+
 void test_no_torque_before_enabling(void) {
     rig_start();
     rig.desired_inc = 5400;
@@ -169,6 +186,14 @@ void test_no_reply_without_sync_or_outside_operational(void) {
     TEST_ASSERT_NULL(rig_sent(0x182));
     rig_start();
     rig_command(5000, 0, 0);
+    rig_step();
+    TEST_ASSERT_NULL(rig_sent(0x182));
+}
+
+void test_no_reply_when_stopped_behind_the_sync(void) {
+    rig_start();
+    rig_sync();
+    rig_nmt(2);
     rig_step();
     TEST_ASSERT_NULL(rig_sent(0x182));
 }
@@ -303,6 +328,23 @@ void test_enabling_needs_a_fresh_command(void) {
     TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_NO_COMMAND, rig.node.od.limit_reasons);
 }
 
+void test_command_from_before_the_start_is_not_fresh(void) {
+    rig_write(0x1400, 5, 2, 0);
+    rig_start();
+    rig_control(0x06, -1);
+    rig_cycle();
+    rig_nmt(128);
+    rig_step();
+    rig_write(0x6040, 0, 2, 0x0F); /* not operational */
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_NO_COMMAND, rig.node.od.limit_reasons);
+    rig_nmt(1);
+    rig_control(0x0F, 0);
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_NO_COMMAND, rig.node.od.limit_reasons);
+    TEST_ASSERT_FALSE(rig.output.output_enabled);
+}
+
 void test_a_refused_enabling_does_not_happen_later(void) {
     rig_start();
     rig_control(0x00, -1);
@@ -400,6 +442,41 @@ void test_halt_and_go_on(void) {
     TEST_ASSERT_EQUAL_INT16(0, torque_mNm());
     rig_cycles(100);
     TEST_ASSERT_EQUAL_INT16(4000, torque_mNm());
+}
+
+void test_halt_without_ramp(void) {
+    rig_write(0x605D, 0, 2, 0);
+    rig_run();
+    rig.desired_inc = 5300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(4000, torque_mNm());
+    rig_control(0x10F, 0);
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(0, torque_mNm());
+    rig.input.position_inc = 4700;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(0, torque_mNm());
+}
+
+void test_going_on_needs_the_desired_angle_near_the_measured(void) {
+    rig_run();
+    rig_control(0x10F, 0);
+    rig.desired_inc = 6000;
+    rig_cycles(100);
+    rig_control(0x0F, 0);
+    rig_cycles(100);
+    TEST_ASSERT_EQUAL_INT16(0, torque_mNm());
+    TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_HALT | LIMIT_REASON_OUTSIDE_WINDOW,
+                            rig.node.od.limit_reasons);
+}
+
+void test_stale_sdo_transfer_is_aborted(void) {
+    rig_step();
+    rig_read(0x1008, 0);
+    rig_step();
+    rig.input.elapsed_us = SDO_TIMEOUT_us;
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_TIMEOUT, rig_abort());
 }
 
 void test_convergence_shows_in_the_statusword(void) {

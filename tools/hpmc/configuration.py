@@ -48,7 +48,7 @@ def load_configuration(
         command += ["--set", override]
     answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
     if answer.returncode != 0:
-        raise ConfigurationError(answer.stderr.strip().removeprefix("hpmc_config: "))
+        raise ConfigurationError(answer.stderr.strip().removeprefix("configuration: "))
     text, _, facts = answer.stdout.rpartition("\n\n# periods_per_repetition")
     derived = tomllib.loads("periods_per_repetition" + facts.replace("\n# ", "\n"))
     return Configuration(toml=text + "\n", values=tomllib.loads(text), **derived)

@@ -194,7 +194,8 @@ def read_lines(stream: IO[str], on_line: Callable[[str], None]) -> None:
 def wait_for(children: list[Child]) -> bool:
     """Waits for all; passes Ctrl-C and SIGTERM on as SIGINT. True when interrupted."""
     interrupted = False
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    previous = {number: signal.signal(number, signal.default_int_handler)
+                for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         while any(child.process.poll() is None for child in children):
             try:
@@ -206,7 +207,8 @@ def wait_for(children: list[Child]) -> bool:
                     if child.process.poll() is None:
                         child.process.send_signal(signal.SIGINT)
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
     for child in children:
         child.wait()
     return interrupted
@@ -278,6 +280,11 @@ def vcan_plan(configuration: Configuration, config_file: Path, level: str, log: 
     return {"processes": processes}
 
 
+def sandbox_name() -> str:
+    """For `tools/with-vcan --join NAME`, from another terminal."""
+    return f"run-{os.getpid()}"
+
+
 def run_vcan(configuration: Configuration, config_file: Path, level: str, folder: Path,
              options: argparse.Namespace, bar: ProgressBar) -> Outcome:
     outcome = Outcome(logs=[folder / "run.lcmlog"])
@@ -293,7 +300,7 @@ def run_vcan(configuration: Configuration, config_file: Path, level: str, folder
         json.dump(vcan_plan(configuration, config_file, level, outcome.logs[0],
                             options.pace == "realtime"), plan)
         plan.flush()
-        command = [str(WITH_VCAN), *(["--uml"] if options.uml else []), "--",
+        command = [str(WITH_VCAN), "--name", sandbox_name(), *(["--uml"] if options.uml else []),
                    sys.executable, "-I", "-S", str(LAUNCHER), plan.name]
         child = Child(command, on_line)
         outcome.interrupted = wait_for([child])
@@ -350,6 +357,8 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
         versions=VersionFacts(git=info["git"], protocol_hash=info["protocol_hash"]),
     )
     summary = build_summary(facts, analysis, geometry)
+    if analysis.incomplete:
+        console.print(f"{analysis.incomplete} reaches lack samples and are left out")
     for damage in analysis.damage:
         console.print(f"[yellow]{damage}[/]")
     if level == "full":
@@ -384,6 +393,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     console.print(f"{reaches} reaches, {options.mode}; bus load at 1 Mbit/s at worst "
                   f"{configuration.bus_load_worst_percent:.0f} %; log {level}, "
                   f"about {wanted / 1e6:.0f} MB{kept}", highlight=False)
+    if options.mode == "vcan":
+        console.print(f"look in meanwhile: tools/with-vcan --join {sandbox_name()} candump vcan0")
     folder.mkdir(parents=True, exist_ok=True)
     config_file = folder / "config.toml"
     config_file.write_text(configuration.toml)

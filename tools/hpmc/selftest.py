@@ -87,8 +87,8 @@ def steps() -> list[Step]:
             "read the compiler's first error", alone=True,
         ),
         Step(
-            "sanitize", "C and C++ tests under address and undefined-behaviour sanitizers",
-            preset("sanitize", 1), 900,
+            "sanitize", "firmware and its C tests, under address and undefined-behaviour sanitizers",
+            preset("sanitize", 1), 300,
             "one test alone: ctest --preset sanitize -R NAME",
         ),
         Step(

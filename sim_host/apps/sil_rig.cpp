@@ -1,0 +1,150 @@
+#include "apps/sil_rig.h"
+
+#include <algorithm>
+
+#include "hpmc_lcm/bus_closed_t.hpp"
+#include "hpmc_lcm/joint_torque_t.hpp"
+#include "plant/arm_state_message.h"
+#include "port/posix/encoder_model.h"
+
+namespace hpmc {
+namespace {
+
+constexpr std::int16_t kAmbient_dC = 250;
+constexpr std::array<const char *, kJoints> kTorqueChannels{"JOINT_TORQUE_1", "JOINT_TORQUE_2",
+                                                            "JOINT_TORQUE_3"};
+
+} // namespace
+
+void SilRig::Node::step(const motor_node_input_t &input) {
+    motor_node_step(&config, &device, &input, &output);
+    if (output.reset_requested) {
+        motor_node_init(&config, &device);
+    }
+}
+
+SilRig::SilRig(const SilOptions &options, const RunConfig &config)
+    : level_(options.level), config_(config), schedule_(config),
+      first_period_(options.first_repetition * schedule_.periods_per_repetition()),
+      last_period_(first_period_ +
+                   (options.repetitions > 0 ? options.repetitions : config.experiment.repetitions) *
+                       schedule_.periods_per_repetition()),
+      clock_{config.joint_ticks()}, cycle_(config), plant_(config.plant),
+      sensors_(config.joint.increments_per_revolution), telemetry_(config, "sil", options.level),
+      last_utime_(clock_.utime(first_period_, 0)) {
+    if (!options.log.empty()) {
+        log_ = std::make_unique<LcmLogWriter>(options.log);
+    }
+    for (std::size_t joint = 0; joint < kJoints; ++joint) {
+        const auto id = static_cast<std::uint8_t>(joint + 1);
+        nodes_[joint].config = {.node_id = id, .serial_number = id, .referenced = true};
+        motor_node_init(&nodes_[joint].config, &nodes_[joint].device);
+    }
+}
+
+void SilRig::begin_repetition(std::int64_t repetition) {
+    plant_.reset(start_pose_rad(config_, repetition));
+    tau_Nm_.setZero();
+    sensors_.reset();
+}
+
+void SilRig::publish_arm_state(std::int64_t period, std::int64_t tick,
+                               const ArmPlantState &state) {
+    arm_state_.utime = clock_.utime(period, tick);
+    arm_state_.seq = clock_.seq(period, tick);
+    fill_arm_state(state, tau_Nm_, arm_state_);
+    if (log_) {
+        log_->publish("ARM_STATE", arm_state_);
+    }
+}
+
+void SilRig::publish_wrench(std::int64_t period, const ArmPlantState &state) {
+    hpmc_lcm::hand_wrench_t message{};
+    message.utime = clock_.utime(period, 0);
+    message.seq = period;
+    for (int i = 0; i < 2; ++i) {
+        message.wrench_N[i] = state.wrench_N[i];
+    }
+    std::copy(frames_sent_.begin(), frames_sent_.end(), message.frames_sent);
+    log("HAND_WRENCH", message);
+    frames_sent_ = {};
+}
+
+void SilRig::close_bus(std::int64_t period) {
+    hpmc_lcm::bus_closed_t message{};
+    message.utime = clock_.utime(period, 0);
+    message.seq = period;
+    PeriodFrames from_host;
+    from_host.append(output_.frames.data(), output_.frame_count);
+    for (std::size_t joint = 0; joint < kJoints; ++joint) {
+        inbox_[joint].count = 0;
+        deliver(static_cast<int>(joint + 1), from_nodes_, inbox_[joint]);
+        deliver(static_cast<int>(joint + 1), from_host, inbox_[joint]);
+        message.node_frames[joint] = static_cast<std::int32_t>(inbox_[joint].count);
+    }
+    log("BUS_CLOSED", message);
+}
+
+void SilRig::step_nodes(std::int64_t period, std::int64_t tick, const ArmPlantState &state) {
+    const std::int64_t utime = clock_.utime(period, tick);
+    for (std::size_t joint = 0; joint < kJoints; ++joint) {
+        const auto at = static_cast<Eigen::Index>(joint);
+        Node &node = nodes_[joint];
+        motor_node_input_t input{};
+        input.elapsed_us = static_cast<std::uint32_t>(utime - last_utime_);
+        input.position_inc = encoder_model_increments(
+            state.q_rad[at],
+            static_cast<std::uint32_t>(config_.joint.increments_per_revolution));
+        input.temperature_dC = kAmbient_dC;
+        input.frames = inbox_[joint].frames.data();
+        input.frame_count = tick == 0 ? inbox_[joint].count : 0;
+        node.step(input);
+        sent_.append(node.output.frames, node.output.frame_count);
+        frames_sent_[joint] += static_cast<std::int32_t>(node.output.frame_count);
+        hpmc_lcm::joint_torque_t message{};
+        message.utime = utime;
+        message.seq = clock_.seq(period, tick);
+        message.tau_Nm = node.output.torque_mNm / 1000.0;
+        message.frames_sent = static_cast<std::int32_t>(node.output.frame_count);
+        tau_Nm_[at] = message.tau_Nm;
+        log(kTorqueChannels[joint], message);
+    }
+    last_utime_ = utime;
+    if (config_.sensors == Sensors::injected) {
+        tau_Nm_ = sensors_.torque_Nm(sent_);
+    }
+}
+
+bool SilRig::step(std::int64_t period) {
+    if (period % schedule_.periods_per_repetition() == 0) {
+        begin_repetition(period / schedule_.periods_per_repetition());
+    }
+    ArmPlantState state = plant_.state();
+    publish_wrench(period, state);
+    publish_arm_state(period, 0, state);
+    from_nodes_ = sent_;
+    sent_.count = 0;
+    from_nodes_.sort_by_identifier();
+    cycle_.step({period, state.wrench_N, from_nodes_.frames.data(), from_nodes_.count}, output_);
+    if (config_.sensors == Sensors::injected) {
+        sensors_.inject(state.q_rad, period, from_nodes_);
+    }
+    account_.add(period, from_nodes_, output_);
+    close_bus(period);
+    if (log_) {
+        telemetry_.publish(*log_, cycle_, from_nodes_, output_);
+    }
+    for (std::int64_t tick = 0; tick < clock_.joint_ticks; ++tick) {
+        if (tick > 0) {
+            state = plant_.state();
+            publish_arm_state(period, tick, state);
+        }
+        step_nodes(period, tick, state);
+        plant_.advance(tau_Nm_, clock_.joint_period_s());
+    }
+    frames_lost_ += sent_.dropped;
+    sent_.dropped = 0;
+    return !output_.finished;
+}
+
+} // namespace hpmc

@@ -1,0 +1,97 @@
+/**
+ * The whole rig in one process: host layers, three firmware nodes and the ODE arm, frames over an
+ * in-process bus, messages into a log file. The calls are those of hpmc_host, motor_node and
+ * arm_sim, in the same order, so that ARM_STATE comes out byte for byte the same.
+ */
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "hpmc_lcm/arm_state_t.hpp"
+#include "host/bus_account.h"
+#include "host/host_cycle.h"
+#include "host/telemetry.h"
+#include "host/tick_clock.h"
+#include "link/injected_sensors.h"
+#include "link/lcm_link.h"
+#include "plant/arm_plant.h"
+
+extern "C" {
+#include "node/motor_node.h"
+}
+
+namespace hpmc {
+
+struct SilOptions {
+    std::string log; ///< file of the LCM event log; none when empty
+    LogLevel level = LogLevel::full;
+    std::int64_t first_repetition = 0;
+    std::int64_t repetitions = 0; ///< 0: as many as the configuration says
+};
+
+class SilRig {
+  public:
+    /// Throws LinkError when the log cannot be made.
+    SilRig(const SilOptions &options, const RunConfig &config);
+
+    std::int64_t first_period() const { return first_period_; }
+    std::int64_t last_period() const { return last_period_; } ///< exclusive
+
+    /// One SYNC period; to be called for first_period() and on, in order. False when the run has
+    /// ended before its time: after a fault or on request.
+    bool step(std::int64_t period);
+
+    void request_stop() { cycle_.request_stop(); }
+    const std::string &fault() const { return cycle_.fault(); }
+    const SchedulePoint &schedule_point() const { return cycle_.schedule_point(); }
+    const BusAccount &account() const { return account_; }
+    std::size_t frames_lost() const { return frames_lost_; }
+    std::int64_t messages() const { return log_ ? log_->written() : 0; }
+
+  private:
+    /// One firmware node.
+    struct Node {
+        motor_node_config_t config{};
+        motor_node_t device{};
+        motor_node_output_t output{};
+
+        void step(const motor_node_input_t &input);
+    };
+
+    template <class Message> void log(const char *channel, const Message &message) {
+        if (log_ && level_ == LogLevel::full) {
+            log_->publish(channel, message);
+        }
+    }
+    void begin_repetition(std::int64_t repetition);
+    void publish_arm_state(std::int64_t period, std::int64_t tick, const ArmPlantState &state);
+    void publish_wrench(std::int64_t period, const ArmPlantState &state);
+    void close_bus(std::int64_t period);
+    void step_nodes(std::int64_t period, std::int64_t tick, const ArmPlantState &state);
+
+    LogLevel level_;
+    RunConfig config_;
+    RunSchedule schedule_;
+    std::int64_t first_period_;
+    std::int64_t last_period_;
+    TickClock clock_;
+    HostCycle cycle_;
+    ArmPlant plant_;
+    InjectedSensors sensors_;
+    Telemetry telemetry_;
+    BusAccount account_;
+    std::unique_ptr<LcmLogWriter> log_;
+    std::array<Node, kJoints> nodes_;
+    std::array<PeriodFrames, kJoints> inbox_{};
+    PeriodFrames sent_{};       ///< by the nodes in the present period
+    PeriodFrames from_nodes_{}; ///< by the nodes in the period before
+    HostCycleOutput output_;
+    hpmc_lcm::arm_state_t arm_state_{};
+    Eigen::Vector3d tau_Nm_ = Eigen::Vector3d::Zero();
+    std::array<std::int32_t, kJoints> frames_sent_{};
+    std::int64_t last_utime_;
+    std::size_t frames_lost_ = 0;
+};
+
+} // namespace hpmc
