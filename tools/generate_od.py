@@ -106,9 +106,7 @@ def camel(name: str) -> str:
     return "".join(w[:1].upper() + w[1:] for w in name.split("_"))
 
 
-def read_entry(
-    section: configparser.SectionProxy, index: int, subindex: int, parent: str
-) -> Entry:
+def read_entry(section: configparser.SectionProxy, index: int, subindex: int, parent: str) -> Entry:
     title = section["ParameterName"]
     type_ = TYPES[int(section["DataType"], 0)]
     text = section.get("DefaultValue", "0")
@@ -208,8 +206,8 @@ def c_number(value: int, type_: Type) -> str:
 def c_header(od: Dictionary) -> str:
     lines = [
         "/**",
-        " * The object dictionary of the motor node (CiA 301, 7.4): values, and a table to find them by",
-        " * index and subindex.",
+        " * The object dictionary of the motor node (CiA 301, 7.4): values, and a table to find",
+        " * them by index and subindex.",
         " *",
         f" * {NOTE}",
         " */",
@@ -242,8 +240,8 @@ def c_header(od: Dictionary) -> str:
         "typedef enum { OD_CONST, OD_RO, OD_WO, OD_RW } od_access_t;",
         "",
         "/**",
-        " * One entry. offset: of the value in object_dictionary_t; a constant number stands in min instead.",
-        " * min, max: bit patterns, to be compared as the type is signed or not.",
+        " * One entry. offset: of the value in object_dictionary_t; a constant number stands in",
+        " * min instead. min, max: bit patterns, to be compared as the type is signed or not.",
         " */",
         "typedef struct {",
         "    uint16_t index;",
@@ -273,12 +271,12 @@ def c_header(od: Dictionary) -> str:
         "/** Ordered by index and subindex. */",
         "extern const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT];",
         "",
-        "/** Sets every value to its default; COB-IDs of services of the node include node_id (1..127). */",
+        "/** Sets every value to its default; the node's own COB-IDs include node_id (1..127). */",
         "void object_dictionary_init(uint8_t node_id, object_dictionary_t *od);",
         "",
         "/**",
-        " * PDOs by their mapping objects. pack: writes the PDO's length in bytes. unpack: takes that many",
-        " * bytes; false, and nothing changed, when a value is out of its range.",
+        " * PDOs by their mapping objects. pack: writes the PDO's length in bytes. unpack: takes",
+        " * that many bytes; false, and nothing changed, when a value is out of its range.",
         " */",
     ]
     for name, _, _ in od.pdos():
@@ -354,8 +352,8 @@ def c_source(od: Dictionary) -> str:
             offset, low, high = "0U", int(e.default), int(e.default)
         access = {"const": "CONST", "ro": "RO", "wo": "WO"}.get(e.access, "RW")
         lines.append(
-            f"    {{0x{e.index:04X}U, {e.subindex}U, OD_{e.type.enumerator}, OD_{access}, {offset}, "
-            f"0x{low & 0xFFFFFFFF:X}U, 0x{high & 0xFFFFFFFF:X}U}},"
+            f"    {{0x{e.index:04X}U, {e.subindex}U, OD_{e.type.enumerator}, OD_{access}, "
+            f"{offset}, 0x{low & 0xFFFFFFFF:X}U, 0x{high & 0xFFFFFFFF:X}U}},"
         )
     lines += [
         "};",
@@ -394,7 +392,7 @@ def c_source(od: Dictionary) -> str:
 def cpp_header(od: Dictionary) -> str:
     lines = [
         "/**",
-        " * The motor node's object dictionary as the host needs it: where each object is, and its type.",
+        " * The motor node's object dictionary for the host: where each object is, and its type.",
         " *",
         f" * {NOTE}",
         " */",
@@ -460,9 +458,7 @@ def dbc(od: Dictionary) -> str:
     nodes = " ".join(f"NODE{n}" for n in DBC_NODES)
     receivers = ",".join(f"NODE{n}" for n in DBC_NODES)
     states = '0 "boot-up" 4 "stopped" 5 "operational" 127 "pre-operational"'
-    commands = (
-        '1 "start" 2 "stop" 128 "pre-operational" 129 "reset node" 130 "reset communication"'
-    )
+    commands = '1 "start" 2 "stop" 128 "pre-operational" 129 "reset node" 130 "reset communication"'
     messages: list[str] = []
     comments: list[str] = []
     values: list[str] = []
@@ -568,15 +564,16 @@ def tables(od: Dictionary) -> str:
             if e.type is not STRING and limited:
                 range_ = f"{table_number(e, e.low)} .. {table_number(e, e.high)}"
             lines.append(
-                f"| {index} | {e.title} | {e.type.name.lower()} | {e.access} | {default} | {range_} "
-                f"| {e.unit} | {e.description} |"
+                f"| {index} | {e.title} | {e.type.name.lower()} | {e.access} | {default} "
+                f"| {range_} | {e.unit} | {e.description} |"
             )
     return "\n".join(lines) + "\n"
 
 
 def table_number(entry: Entry, value: int) -> str:
     """Identifiers and bit patterns in hexadecimal, quantities in decimal."""
-    return f"{value:X}h" if value >= 0x80 and not entry.unit and entry.type.bits == 32 else str(value)
+    is_pattern = value >= 0x80 and not entry.unit and entry.type.bits == 32
+    return f"{value:X}h" if is_pattern else str(value)
 
 
 OUTPUTS = {

@@ -22,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 # Everything that the script calls, but for what the tests replace.
 REAL_TOOLS = (
-    *("bash", "cat", "cut", "dirname", "env", "find", "flock", "mkdir", "nproc", "paste", "rm"),
-    *("sed", "sha256sum", "sleep", "tail", "touch", "true", "uname"),
+    *("bash", "cat", "cut", "dirname", "env", "find", "flock", "getconf", "mkdir", "paste"),
+    *("rm", "sed", "sha256sum", "sleep", "tail", "touch", "true", "uname"),
 )
 
 FAKE_APT = """

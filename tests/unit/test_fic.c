@@ -122,6 +122,16 @@ void test_target_jumping_across_latches_while_converging(void) {
     TEST_ASSERT_FALSE(fic.converging);
 }
 
+void test_body_and_target_turning_together_latch_anew(void) {
+    swing_out(1);
+    (void)step(15);
+    TEST_ASSERT_TRUE(fic.converging);
+    target_inc = 20;
+    expect(0.4f, 16); /* now moves up, toward the new target: converging from 4, not from 20 */
+    TEST_ASSERT_TRUE(fic.converging);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.004f, fic.a_max_rad);
+}
+
 void test_error_beyond_the_latch_moves_the_latch_while_converging(void) {
     swing_out(1);
     (void)step(19);

@@ -134,11 +134,11 @@ void test_missed_syncs_at_the_return_of_sync(void) {
 void test_any_number_of_missed_syncs_when_so_set(void) {
     rig_write(0x2102, 0, 1, 255);
     start_with_sync_supervision();
-    for (int i = 0; i < 300; i++) {
+    for (int i = 0; i < 600; i++) {
         rig_step();
     }
     TEST_ASSERT_TRUE(rig.output.output_enabled);
-    TEST_ASSERT_EQUAL_UINT16(299, rig.node.od.counters_missed_sync);
+    TEST_ASSERT_EQUAL_UINT16(599, rig.node.od.counters_missed_sync);
 }
 
 /* --- SYNC of wrong length, 8240h */

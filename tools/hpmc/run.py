@@ -142,7 +142,7 @@ class ProgressBar:
         self.task = self.bar.add_task("starting", total=reaches, simulated="")
         self.done: dict[int, tuple[int, float, float]] = {}  # per job: reaches, first time, time
         self.began = time.monotonic()
-        self.printed = 0.0
+        self.printed = time.monotonic()
         self.console = console
 
     def update(self, job: int, line: str) -> None:
@@ -160,7 +160,7 @@ class ProgressBar:
                         description="running")
         if not self.console.is_terminal and time.monotonic() - self.printed > 5.0:
             self.printed = time.monotonic()
-            self.console.print(f"reach {completed}/{self.reaches}, {text}", highlight=False)
+            self.console.print(f"reach {completed}/{self.reaches}, {text}")
 
 
 class Child:
@@ -391,8 +391,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     check_space(folder, wanted)
     kept = "" if level != "none" else ", removed after the analysis"
     console.print(f"{reaches} reaches, {options.mode}; bus load at 1 Mbit/s at worst "
-                  f"{configuration.bus_load_worst_percent:.0f} %; log {level}, "
-                  f"about {wanted / 1e6:.0f} MB{kept}", highlight=False)
+                  f"{configuration.bus_load_worst_percent:.1f} %; log {level}, "
+                  f"about {wanted / 1e6:.0f} MB{kept}")
     if options.mode == "vcan":
         console.print(f"look in meanwhile: tools/with-vcan --join {sandbox_name()} candump vcan0")
     folder.mkdir(parents=True, exist_ok=True)
@@ -407,7 +407,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             outcome = run_vcan(configuration, config_file, app_level, folder, options, bar)
     try:
         if outcome.interrupted:
-            console.print(f"interrupted; the log up to there: {folder}", highlight=False)
+            console.print(f"interrupted; the log up to there: {folder}", soft_wrap=True)
             return EXIT_INTERRUPTED
         if outcome.reason:
             raise RunError(f"{outcome.reason}; the log up to there: {folder}")
@@ -416,7 +416,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
         if level == "none":
             for log in outcome.logs:
                 log.unlink(missing_ok=True)
-    console.print(f"everything is in {os.path.relpath(folder)}", highlight=False, soft_wrap=True)
+    here = Path.cwd()
+    shown = folder.relative_to(here) if folder.is_relative_to(here) else folder
+    console.print(f"everything is in {shown}", soft_wrap=True)
     return 0
 
 

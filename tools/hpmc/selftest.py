@@ -32,7 +32,7 @@ GRACE_S = 5.0  # from SIGTERM to SIGKILL
 
 PYTEST = [
     sys.executable, "-m", "pytest", "-q", "-rs", "--durations=5", "--color=no",
-    "-o", f"cache_dir={BUILD / 'pytest_cache'}",
+    "-o", f"cache_dir={BUILD / 'pytest_cache'}", "-o", "faulthandler_timeout=150",
 ]  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def steps() -> list[Step]:
             "read the compiler's first error", alone=True,
         ),
         Step(
-            "sanitize", "firmware and its C tests, under address and undefined-behaviour sanitizers",
+            "sanitize", "firmware and its C tests, with address and undefined-behaviour sanitizers",
             preset("sanitize", 1), 300,
             "one test alone: ctest --preset sanitize -R NAME",
         ),

@@ -25,7 +25,6 @@ if __name__ == "__main__":
 from vcan import frames, network
 from vcan.frames import Request, frame
 
-GRACE_S = 10.0  # from SIGINT or SIGTERM to SIGKILL
 LEFTOVER_GRACE_S = 1.0  # for what a command leaves in the background
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 LCM_URL = b"udpm://239.255.76.67:7667?ttl=0"
@@ -105,6 +104,7 @@ class Session:
         self.pid = 0  # 0: a TCP connection
         self.into = -1
         self.pending = bytearray()
+        self.receipt = frames.Receipt(number, 0)
         self.into_ends = False
         self.terminal = -1
         self.outlets: dict[int, Outlet] = {}
@@ -137,6 +137,7 @@ class Agent:
     def serve(self) -> None:
         """Runs until the main command's exit is reported or the link is gone."""
         deframer = frames.Deframer()
+        receipt = frames.Receipt(0, 0, frames.LINK_WINDOW)
         while not self.done:
             for fd, _ in self.poll.poll(self.timeout_ms()):
                 if fd == self.link:
@@ -147,6 +148,7 @@ class Agent:
                     if not data:
                         self.end_others()
                         return
+                    self.send(receipt.take(len(data)))
                     for received in deframer.feed(data):
                         self.dispatch(*received)
                 elif fd == self.wake_in:
@@ -195,7 +197,7 @@ class Agent:
         elif kind == frames.SIGNAL:
             wanted = signal.Signals(frames.U32.unpack(payload)[0])
             if wanted in ENDING_SIGNALS and session.kill_at is None:
-                session.kill_at = time.monotonic() + GRACE_S
+                session.kill_at = time.monotonic() + frames.GRACE_S
             self.signal(session, wanted)
         elif kind == frames.WINSIZE and session.terminal >= 0:
             set_size(session.terminal, *frames.SIZE.unpack(payload))
@@ -320,7 +322,7 @@ class Agent:
             while session.pending:
                 count = os.write(session.into, session.pending[: frames.CHUNK])
                 del session.pending[:count]
-                self.send(frame(session.number, frames.ACK, 0, frames.U32.pack(count)))
+                self.send(session.receipt.take(count))
         except BlockingIOError:
             pass
         except OSError:  # the reader is gone

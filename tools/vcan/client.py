@@ -45,7 +45,8 @@ class Client:
         self.to_hub = bytearray()
         self.credit = frames.WINDOW
         self.stdin_open = True
-        self.out: dict[int, bytearray] = {1: bytearray(), 2: bytearray()}
+        self.out = {1: bytearray(), 2: bytearray()}
+        self.receipts = {1: frames.Receipt(1, 1), 2: frames.Receipt(1, 2)}
         self.result: tuple[int, str] | None = None
         self.is_tty = [os.isatty(fd) for fd in (0, 1, 2)]
         self.is_tty[0] = self.is_tty[0] and (self.is_tty[1] or self.is_tty[2])
@@ -168,4 +169,4 @@ class Client:
                 print(f"with-vcan: output: {error.strerror}", file=sys.stderr)
             return
         del data[:count]
-        self.send(frames.ACK, fd, frames.U32.pack(count))
+        self.to_hub += self.receipts[fd].take(count)

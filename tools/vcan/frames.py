@@ -6,6 +6,10 @@ A session is one command or one forwarded TCP connection. A frame is a header (s
 kind u8, stream u8, payload length u32, little endian) and the payload. Streams of a session:
 0 flows into the sandbox, 1 and 2 flow out. At most WINDOW bytes of a stream are on their way;
 the receiver allows more with ACK, so one stuck reader never stops the other sessions.
+
+Session 0 is the link itself. The hub keeps at most LINK_WINDOW bytes on their way to the agent,
+so that the serial line of user-mode Linux, which buffers 4096 bytes, never has to throttle:
+it sometimes does not wake up again.
 """
 
 from __future__ import annotations
@@ -16,6 +20,8 @@ from collections.abc import Iterator
 HEADER = struct.Struct("<IBBI")
 WINDOW = 256 * 1024
 CHUNK = 32 * 1024
+LINK_WINDOW = 2048
+GRACE_S = 10.0  # from SIGINT or SIGTERM to SIGKILL
 
 HELLO = 0  # agent -> hub: sandbox is set up (empty) or what failed (text)
 RUN = 1  # start a command: Request
@@ -43,6 +49,22 @@ def exit_frame(session: int, status: int, text: str = "") -> bytes:
 
 def read_exit(payload: bytes) -> tuple[int, str]:
     return STATUS.unpack_from(payload)[0], payload[STATUS.size :].decode(errors="replace")
+
+
+class Receipt:
+    """Counts the bytes taken from a stream and makes an ACK of every quarter window."""
+
+    def __init__(self, session: int, stream: int, window: int = WINDOW) -> None:
+        self._session, self._stream, self._due = session, stream, window // 4
+        self._taken = 0
+
+    def take(self, count: int) -> bytes:
+        """The frame to send now, or nothing."""
+        self._taken += count
+        if self._taken < self._due:
+            return b""
+        count, self._taken = self._taken, 0
+        return frame(self._session, ACK, self._stream, U32.pack(count))
 
 
 class Deframer:

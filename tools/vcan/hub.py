@@ -18,6 +18,7 @@ from vcan.frames import frame
 
 LINUX = "/usr/bin/linux.uml"
 BOOT_LIMIT_S = 60.0
+END_LIMIT_S = frames.GRACE_S + 5.0  # from a signal to the report that the command has ended
 AGENT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "agent.py")
 
 CLONE_NEWNS, CLONE_NEWUSER = 0x00020000, 0x10000000
@@ -177,23 +178,26 @@ class Wire:
         if self.closed:
             return
         events = (selectors.EVENT_READ if self.reading else 0) | (
-            selectors.EVENT_WRITE if self.out else 0
+            selectors.EVENT_WRITE if self.out and self.may_write() else 0
         )
         if self.socket.fileno() in self.hub.selector.get_map():
             self.hub.selector.unregister(self.socket)
         if events:
             self.hub.selector.register(self.socket, events, self)
 
+    def may_write(self) -> bool:
+        return True
+
     def send(self, data: bytes) -> None:
         self.out += data
         self.flush()
 
-    def flush(self) -> int:
+    def flush(self, at_most: int = 1 << 30) -> int:
         """Bytes written now."""
         count = 0
         try:
-            while self.out and not self.closed:
-                sent = self.socket.send(self.out[:65536])
+            while self.out and count < at_most and not self.closed:
+                sent = self.socket.send(self.out[: min(65536, at_most - count)])
                 del self.out[:sent]
                 count += sent
         except BlockingIOError:
@@ -231,18 +235,31 @@ class Wire:
 
 class Link(Wire):
     def __init__(self, hub: Hub, connection: socket.socket) -> None:
+        self.credit = frames.LINK_WINDOW
         super().__init__(hub, connection)
         self.deframer = frames.Deframer()
+
+    def may_write(self) -> bool:
+        return self.credit > 0
+
+    def flush(self, at_most: int = 1 << 30) -> int:
+        count = super().flush(min(at_most, self.credit))
+        self.credit -= count
+        self.watch()
+        return count
 
     def on_readable(self) -> None:
         data = self.read()
         if data == b"":
             self.hub.sandbox_is_gone()
         for number, kind, stream, payload in self.deframer.feed(data or b""):
-            if number == 0:
-                self.hub.on_hello(payload)
-            else:
+            if number != 0:
                 self.hub.from_agent(number, kind, stream, payload)
+            elif kind == frames.ACK:
+                self.credit += frames.U32.unpack(payload)[0]
+                self.flush()
+            else:
+                self.hub.on_hello(payload)
 
 
 class Client(Wire):
@@ -252,16 +269,23 @@ class Client(Wire):
         super().__init__(hub, connection)
         self.deframer = frames.Deframer()
         self.number = hub.new_session(self)
+        self.end_by: float | None = None
 
     def on_readable(self) -> None:
         data = self.read()
         if data == b"":
+            self.pass_on(frames.CLOSE, 0)
             number = signal.SIGTERM if self is self.hub.main else signal.SIGHUP
-            self.hub.to_agent(self.number, frames.CLOSE, 0)
-            self.hub.to_agent(self.number, frames.SIGNAL, 0, frames.U32.pack(number))
+            self.pass_on(frames.SIGNAL, 0, frames.U32.pack(number))
             self.close()
         for _, kind, stream, payload in self.deframer.feed(data or b""):
-            self.hub.to_agent(self.number, kind, stream, payload)
+            self.pass_on(kind, stream, payload)
+
+    def pass_on(self, kind: int, stream: int, payload: bytes = b"") -> None:
+        if kind == frames.SIGNAL and self.end_by is None:
+            if frames.U32.unpack(payload)[0] in agent.ENDING_SIGNALS:
+                self.end_by = time.monotonic() + END_LIMIT_S
+        self.hub.to_agent(self.number, kind, stream, payload)
 
     def from_agent(self, kind: int, stream: int, payload: bytes) -> None:
         if not self.closed:
@@ -278,6 +302,7 @@ class Forwarded(Wire):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.credit = frames.WINDOW
         self.number = hub.new_session(self)
+        self.receipt = frames.Receipt(self.number, 1)
         self.ends = self.over = False
         hub.to_agent(self.number, frames.DIAL, 0, frames.U16.pack(port))
 
@@ -293,10 +318,10 @@ class Forwarded(Wire):
         self.reading = bool(data) and self.credit > 0
         self.watch()
 
-    def flush(self) -> int:
-        count = super().flush()
-        if count:
-            self.hub.to_agent(self.number, frames.ACK, 1, frames.U32.pack(count))
+    def flush(self, at_most: int = 1 << 30) -> int:
+        count = super().flush(at_most)
+        if receipt := self.receipt.take(count):
+            self.hub.to_link(receipt)
         if not self.out and not self.closed:
             if self.over:
                 self.close()
@@ -373,9 +398,10 @@ class Hub:
         return number
 
     def to_agent(self, number: int, kind: int, stream: int, payload: bytes = b"") -> None:
-        if number not in self.sessions:
-            return
-        data = frame(number, kind, stream, payload)
+        if number in self.sessions:
+            self.to_link(frame(number, kind, stream, payload))
+
+    def to_link(self, data: bytes) -> None:
         if self.ready:
             self.link.send(data)
         else:
@@ -406,18 +432,33 @@ class Hub:
             said = os.read(self.console, 1 << 20).decode(errors="replace").strip().split("\n")
             self.result = 125, f"the sandbox stopped unexpectedly: {said[-1]}"
 
+    def enforce_limits(self, start_by: float) -> None:
+        now = time.monotonic()
+        if not self.ready and now >= start_by and self.result is None:
+            self.result = 125, f"the sandbox did not start within {BOOT_LIMIT_S:.0f} s"
+        for peer in list(self.sessions.values()):
+            if isinstance(peer, Client) and peer.end_by is not None and now >= peer.end_by:
+                peer.end_by = None
+                text = "the sandbox does not answer"
+                if peer is not self.main:
+                    peer.send(frames.exit_frame(1, 125, text))
+                elif self.result is None:
+                    self.result = 125, text + ": it was killed"
+
     def serve(self, listeners: list[tuple[socket.socket, int | None]]) -> None:
         """Routes until the main command has ended; then ends the sandbox and tells the clients."""
         for listener, port in listeners:
             Listener(self, listener, port)
-        limit = time.monotonic() + BOOT_LIMIT_S
+        start_by = time.monotonic() + BOOT_LIMIT_S
         while self.result is None:
-            wait = None if self.ready else max(0.0, limit - time.monotonic())
-            ready = self.selector.select(wait)
-            if not ready and not self.ready:
-                self.result = 125, f"the sandbox did not start within {BOOT_LIMIT_S:.0f} s"
-            for key, events in ready:
+            clients = [p for p in self.sessions.values() if isinstance(p, Client)]
+            limits = [p.end_by for p in clients if p.end_by is not None]
+            if not self.ready:
+                limits.append(start_by)
+            wait = max(0.0, min(limits) - time.monotonic()) if limits else None
+            for key, events in self.selector.select(wait):
                 key.data.on_event(events)
+            self.enforce_limits(start_by)
         os.killpg(self.pid, signal.SIGKILL)
         try:
             while True:
