@@ -18,14 +18,24 @@ CanopenMasterConfig master_config(const RunConfig &config) {
     return master;
 }
 
-template <class T> T saturated_round(double value) {
-    const double low = static_cast<double>(std::numeric_limits<T>::min());
-    const double high = static_cast<double>(std::numeric_limits<T>::max());
-    return static_cast<T>(std::clamp(std::round(value), low, high));
+// Encoders saturate at the ranges of the object dictionary; a value beyond would be rejected.
+constexpr double kTorqueRange_mNm = 32767.0; ///< 6071h and 6072h
+
+std::int32_t position_inc(double increments) {
+    return static_cast<std::int32_t>(
+        std::clamp(std::round(increments),
+                   static_cast<double>(std::numeric_limits<std::int32_t>::min()),
+                   static_cast<double>(std::numeric_limits<std::int32_t>::max())));
+}
+
+std::int16_t torque_mNm(double torque_Nm) {
+    return static_cast<std::int16_t>(
+        std::clamp(std::round(torque_Nm * 1000.0), -kTorqueRange_mNm, kTorqueRange_mNm));
 }
 
 std::uint16_t torque_max_mNm(double torque_Nm) {
-    return static_cast<std::uint16_t>(std::clamp(std::round(torque_Nm * 1000.0), 0.0, 32767.0));
+    return static_cast<std::uint16_t>(
+        std::clamp(std::round(torque_Nm * 1000.0), 0.0, kTorqueRange_mNm));
 }
 
 /// 0 to 1 with zero slope at both ends.
@@ -118,10 +128,8 @@ HostCycle::Commands HostCycle::command(const Eigen::Vector3d &q_d_rad, const Hpm
     Commands commands;
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         const auto at = static_cast<Eigen::Index>(joint);
-        commands[joint].position_inc =
-            saturated_round<std::int32_t>(q_d_rad[at] * increments_per_rad_);
-        commands[joint].torque_mNm =
-            saturated_round<std::int16_t>(out.tau_d_Nm[at] * torque_fraction * 1000.0);
+        commands[joint].position_inc = position_inc(q_d_rad[at] * increments_per_rad_);
+        commands[joint].torque_mNm = torque_mNm(out.tau_d_Nm[at] * torque_fraction);
         commands[joint].torque_max_mNm = torque_max_mNm(out.tau_max_Nm[at] * torque_fraction);
     }
     return commands;

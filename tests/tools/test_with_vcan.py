@@ -76,9 +76,7 @@ def run(*command: str, **options) -> subprocess.CompletedProcess[bytes]:
 
 def start(*command: str, **options) -> subprocess.Popen[bytes]:
     pipe = subprocess.PIPE
-    return subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, **options
-    )
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, **options)
 
 
 def output_until_terminated(process: subprocess.Popen[bytes]) -> list[bytes]:
@@ -145,9 +143,7 @@ def join(name: str) -> list[str]:
 
 def test_frames_pass_between_two_processes() -> None:
     result = run(*UML, "sh", "-c", EXCHANGE)
-    assert result.stdout.split() == (
-        b"vcan0 181 [8] 11 22 33 44 55 66 77 88 vcan0 7FF [0]".split()
-    )
+    assert result.stdout.split() == (b"vcan0 181 [8] 11 22 33 44 55 66 77 88 vcan0 7FF [0]".split())
     assert (result.returncode, result.stderr) == (0, b"")
 
 
@@ -254,13 +250,25 @@ def test_a_signal_lets_the_command_end_in_order(sandbox: str, number: signal.Sig
     assert process.returncode == 9
 
 
-def test_a_command_that_ignores_sigterm_is_killed_in_the_end(sandbox: str) -> None:
-    process = start(*join(sandbox), "sh", "-c", "trap '' TERM; echo on; while :; do sleep 1; done")
-    assert process.stdout is not None and process.stdout.readline() == b"on\n"
-    process.terminate()
+def test_what_does_not_end_is_killed(sandbox: str) -> None:
+    """A command that ignores SIGTERM after 10 s, a sandbox that does not answer after 15 s."""
+    stopped = start(*UML, "sh", "-c", "echo on; sleep 1000")
+    deaf = start(*join(sandbox), "sh", "-c", "trap '' TERM; echo on; while :; do sleep 1; done")
+    for process in (stopped, deaf):
+        assert process.stdout is not None and process.stdout.readline() == b"on\n"
+    family = children_of(stopped.pid)
+    for pid in family:
+        if Path(f"/proc/{pid}/comm").read_text().startswith("linux"):
+            os.kill(pid, signal.SIGSTOP)
+    for process in (stopped, deaf):
+        process.terminate()
     with pytest.raises(subprocess.TimeoutExpired):
-        process.wait(5)
-    assert process.wait(LIMIT_S) == 137
+        deaf.wait(5)
+    assert deaf.wait(LIMIT_S) == 128 + signal.SIGKILL
+    message = b"with-vcan: the sandbox does not answer: it was killed\n"
+    assert stopped.communicate(timeout=LIMIT_S)[1] == message
+    assert stopped.returncode == 125
+    assert not alive(family)
 
 
 def test_written_files_are_on_the_host_at_the_end(sandbox: str, tmp_path: Path) -> None:

@@ -104,7 +104,8 @@ class Request:
 
     def to_bytes(self) -> bytes:
         words = [self.folder, *self.argv, *(k + b"=" + v for k, v in self.environment.items())]
-        return self.LAYOUT.pack(self.umask, len(self.argv), *self.size, *self.tty) + b"\0".join(words)
+        head = self.LAYOUT.pack(self.umask, len(self.argv), *self.size, *self.tty)
+        return head + b"\0".join(words)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Request:

@@ -282,9 +282,9 @@ class Client(Wire):
             self.pass_on(kind, stream, payload)
 
     def pass_on(self, kind: int, stream: int, payload: bytes = b"") -> None:
-        if kind == frames.SIGNAL and self.end_by is None:
-            if frames.U32.unpack(payload)[0] in agent.ENDING_SIGNALS:
-                self.end_by = time.monotonic() + END_LIMIT_S
+        ending = kind == frames.SIGNAL and frames.U32.unpack(payload)[0] in agent.ENDING_SIGNALS
+        if ending and self.end_by is None:
+            self.end_by = time.monotonic() + END_LIMIT_S
         self.hub.to_agent(self.number, kind, stream, payload)
 
     def from_agent(self, kind: int, stream: int, payload: bytes) -> None:
