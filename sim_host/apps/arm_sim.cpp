@@ -28,39 +28,39 @@ struct Options {
     int stall_timeout_ms = 10000;
 };
 
-/// Holds the loop back to the wall clock; counts the periods that began late.
+std::int64_t monotonic_ns() {
+    timespec now{};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * 1000000000LL + now.tv_nsec;
+}
+
+/// Holds the loop back to the wall clock. Overruns: periods that were not done when the next one
+/// should have begun. A late loop catches up, so that run time keeps to the wall clock on average.
 class Pacer {
   public:
-    explicit Pacer(bool active) : active_(active) { clock_gettime(CLOCK_MONOTONIC, &next_); }
+    explicit Pacer(bool active) : active_(active) {}
 
     void wait() {
         if (!active_) {
             return;
         }
-        timespec now{};
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        const std::int64_t late_ns =
-            (now.tv_sec - next_.tv_sec) * 1000000000LL + now.tv_nsec - next_.tv_nsec;
-        if (late_ns > kSyncPeriod_us * 1000) {
-            ++overruns_;
-        }
-        lateness_max_us_ = std::max(lateness_max_us_, late_ns / 1000);
-        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next_, nullptr) == EINTR &&
+        const std::int64_t now_ns = monotonic_ns();
+        next_ns_ = next_ns_ == 0 ? now_ns : next_ns_ + kSyncPeriod_us * 1000;
+        overruns_ += now_ns > next_ns_ ? 1 : 0;
+        const timespec next{next_ns_ / 1000000000, next_ns_ % 1000000000};
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, nullptr) == EINTR &&
                !stop_signal_raised()) {
         }
-        next_.tv_nsec += kSyncPeriod_us * 1000;
-        if (next_.tv_nsec >= 1000000000) {
-            next_.tv_nsec -= 1000000000;
-            ++next_.tv_sec;
-        }
+        lateness_max_us_ = std::max(lateness_max_us_, (monotonic_ns() - next_ns_) / 1000);
     }
 
     std::int64_t overruns() const { return overruns_; }
+    /// How late a period began at worst.
     std::int64_t lateness_max_us() const { return lateness_max_us_; }
 
   private:
     bool active_;
-    timespec next_{};
+    std::int64_t next_ns_ = 0;
     std::int64_t overruns_ = 0;
     std::int64_t lateness_max_us_ = 0;
 };

@@ -41,7 +41,13 @@ class HostProcess {
             if (stop_signal_raised()) {
                 cycle_.request_stop();
             }
-            step(period);
+            try {
+                step(period);
+            } catch (const LinkError &) {
+                // The wrench sensor or the bus fell silent: stop the nodes before giving up.
+                bus_.send(quick_stop_frames().data(), kNodes);
+                throw;
+            }
             say_progress(period, cycle_.schedule_point());
         }
         observers_.flush();

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "host/run_schedule.h"
 #include "link/motor_node_od.h"
 
 namespace hpmc {
@@ -40,6 +41,8 @@ std::vector<SdoWrite> one_node(const RunConfig &config, std::uint32_t node_id) {
         write(kConsumerHeartbeatTimeConsumerHeartbeatTime2, heartbeat_consumer(peer_a, config)),
         write(kConsumerHeartbeatTimeConsumerHeartbeatTime3, heartbeat_consumer(peer_b, config)),
         write(kSynchronousCounterOverflowValue, kSyncCounterMax),
+        // After 1019h, which cannot be changed while 1006h is set; from here a node misses SYNCs.
+        write(kCommunicationCyclePeriod, kSyncPeriod_us),
         // A number of SYNC periods; in ms, since a period is 1 ms.
         write(kRpdo1CommunicationParameterEventTimer, unsigned_ms(config.bus.deadline_periods)),
         write(kPositionEncoderResolutionEncoderIncrements,

@@ -342,6 +342,9 @@ toml::table parse_file(const std::string &path) {
     if (!std::filesystem::exists(path)) {
         throw ConfigError(path + ": no such file");
     }
+    if (std::filesystem::is_directory(path)) {
+        throw ConfigError(path + ": is a folder, not a file");
+    }
     try {
         return toml::parse_file(path);
     } catch (const toml::parse_error &error) {

@@ -93,6 +93,10 @@ can_frame_t rpdo2(std::size_t joint, std::uint16_t controlword, std::int8_t mode
 
 } // namespace
 
+std::array<can_frame_t, kJoints> quick_stop_frames() {
+    return {rpdo2(0, kQuickStop, 0), rpdo2(1, kQuickStop, 0), rpdo2(2, kQuickStop, 0)};
+}
+
 CanopenMaster::CanopenMaster(CanopenMasterConfig config) : config_(std::move(config)) { restart(); }
 
 void CanopenMaster::restart() {
@@ -305,8 +309,8 @@ void CanopenMaster::compose_stopping(Frames &frames, std::size_t &count) {
         return state == kOperationEnabled || state == 0x0007; // or quick stop active
     });
     if (periods_in_stage_ == 0) {
-        for (std::size_t joint = 0; joint < kJoints; ++joint) {
-            frames[count++] = rpdo2(joint, kQuickStop, 0);
+        for (const can_frame_t &frame : quick_stop_frames()) {
+            frames[count++] = frame;
         }
     } else if (at_rest || periods_in_stage_ > kStopPeriods) {
         frames[count++] = rpdo2(next_joint_, kDisableVoltage, 0);

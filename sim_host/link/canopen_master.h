@@ -60,6 +60,9 @@ struct NodeView {
     std::uint32_t periods_without_tpdo1 = 0;
 };
 
+/// RPDO2 with the command "quick stop" for each node.
+std::array<can_frame_t, kJoints> quick_stop_frames();
+
 enum class MasterStage { reset, boot, configure, start, enable, enabled, stopping, stopped };
 
 class CanopenMaster {

@@ -36,6 +36,7 @@ KEYS = {
     "targets": None,
     "bus": ["frames", "lost", "load_worst_percent", "load_typical_percent"],
     "lcm": ["messages", "lost"],
+    "pace": None,
     "versions": ["git", "protocol_hash"],
 }
 TARGET_KEYS = [

@@ -18,7 +18,7 @@ from typing import Any
 
 READY_S = 20.0
 END_S = 5.0
-KILL_S = 0.3
+KILL_S = 0.1  # after a failure: the lockstep loop stands still, its parts cannot end in order
 
 EXIT_RUN_ENDED = 3
 

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -36,11 +36,13 @@ REACHES_PER_REPETITION = 16
 FULL_LOG_REACHES = 160
 SYNC_PERIOD_S = 0.001
 # Bytes of log per SYNC period, headers included: with `--log full`, and more per further joint
-# tick; with `--log states`. Measured; a test holds them to 10 % of the real log.
-FULL_BYTES = 1330
-FULL_BYTES_JOINT_TICK = 410
-STATES_BYTES = 805
-STATES_BYTES_JOINT_TICK = 190
+# tick; with `--log states`; of candump.log. Measured; a test holds them to 10 % of the real files.
+FULL_BYTES = 1190
+FULL_BYTES_JOINT_TICK = 415
+STATES_BYTES = 605
+STATES_BYTES_JOINT_TICK = 181
+CANDUMP_BYTES = 315
+CANDUMP_BYTES_INJECTED = 455
 DISK_RESERVE_BYTES = 200 << 20
 
 
@@ -59,9 +61,17 @@ class Outcome:
     logs: list[Path] = field(default_factory=list)
 
 
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ConfigurationError(f"{message} (see ./rig run --help)")
+
+
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="./rig run",
+        allow_abbrev=False,
         description="Runs an experiment; leaves its log, summary and figures in a folder.",
     )
     parser.add_argument("experiment", choices=experiments(), help="name of a file in sim_host/config")
@@ -116,6 +126,29 @@ def log_bytes(configuration: Configuration, level: str) -> int:
     states = STATES_BYTES + further * STATES_BYTES_JOINT_TICK
     periods = configuration.repetitions * configuration.periods_per_repetition
     return periods * (full if level == "full" else states)
+
+
+def candump_bytes(configuration: Configuration, level: str) -> int:
+    """Expected size of candump.log."""
+    injected = configuration.values["rig"]["sensors"] == "injected"
+    periods = configuration.repetitions * configuration.periods_per_repetition
+    each = CANDUMP_BYTES_INJECTED if injected else CANDUMP_BYTES
+    return periods * each if level == "full" else 0
+
+
+def check_folder(folder: Path) -> None:
+    """The output folder must be new or empty."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f"--out {folder}: is not a folder")
+    if folder.exists() and any(folder.iterdir()):
+        raise ConfigurationError(f"--out {folder}: exists already and is not empty")
+
+
+def make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"--out {folder}: cannot be made: {error.strerror}") from None
 
 
 def check_space(folder: Path, wanted_bytes: int) -> None:
@@ -327,7 +360,8 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
     from hpmc.kinematics import ClockGeometry, PlanarArm
     from hpmc.lcm_log import LcmLog
     from hpmc.summary import (
-        BusFacts, LcmFacts, RunFacts, VersionFacts, build_summary, print_summary, write_summary,
+        BusFacts, LcmFacts, PaceFacts, RunFacts, VersionFacts, build_summary, print_summary,
+        write_summary,
     )
 
     values = configuration.values
@@ -355,6 +389,9 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
         lcm=LcmFacts(messages=total(outcome.stats, "messages"),
                      lost=total(outcome.stats, "lost")),
         versions=VersionFacts(git=info["git"], protocol_hash=info["protocol_hash"]),
+        pace=PaceFacts(overruns=total(outcome.stats, "overruns"),
+                       lateness_max_us=total(outcome.stats, "lateness_max_us"))
+        if options.pace == "realtime" else None,
     )
     summary = build_summary(facts, analysis, geometry)
     if analysis.incomplete:
@@ -385,17 +422,19 @@ def run(options: argparse.Namespace, console: Console) -> int:
     level = options.log or ("full" if reaches <= FULL_LOG_REACHES else "states")
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (options.out or RUNS / f"{now}-{options.experiment}-{options.mode}").absolute()
-    if folder.exists() and any(folder.iterdir()):
-        raise ConfigurationError(f"--out {folder}: exists already and is not empty")
+    check_folder(folder)
     wanted = log_bytes(configuration, level)
-    check_space(folder, wanted)
+    check_space(folder, wanted + candump_bytes(configuration, level))
+    fits = "" if configuration.bus_load_worst_percent <= 100.0 else (
+        " (a physical bus would need a slower SYNC)")
     kept = "" if level != "none" else ", removed after the analysis"
     console.print(f"{reaches} reaches, {options.mode}; bus load at 1 Mbit/s at worst "
-                  f"{configuration.bus_load_worst_percent:.1f} %; log {level}, "
+                  f"{configuration.bus_load_worst_percent:.1f} %{fits}; "
+                  f"log {level}, "
                   f"about {wanted / 1e6:.0f} MB{kept}")
     if options.mode == "vcan":
         console.print(f"look in meanwhile: tools/with-vcan --join {sandbox_name()} candump vcan0")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     config_file = folder / "config.toml"
     config_file.write_text(configuration.toml)
     app_level = "full" if level == "full" else "states"
@@ -423,12 +462,15 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 
 def main(argv: Sequence[str]) -> int:
-    options = parse(argv)
     try:
-        return run(options, Console(highlight=False))
+        return run(parse(argv), Console(highlight=False))
     except ConfigurationError as error:
         print(f"rig run: {error}", file=sys.stderr)
         return EXIT_USAGE
     except RunError as error:
         print(f"rig run: {error}", file=sys.stderr)
         return EXIT_RUN_ENDED
+    except KeyboardInterrupt:
+        # During the run itself it is passed on to the processes, in wait_for.
+        print("rig run: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED

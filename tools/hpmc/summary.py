@@ -39,6 +39,14 @@ class LcmFacts:
 
 
 @dataclass(frozen=True)
+class PaceFacts:
+    """How well the run kept to the wall clock."""
+
+    overruns: int  # SYNC periods that were not done when the next one should have begun
+    lateness_max_us: int  # how late a period began at worst
+
+
+@dataclass(frozen=True)
 class VersionFacts:
     """What the run was built from."""
 
@@ -58,6 +66,7 @@ class RunFacts:
     bus: BusFacts
     lcm: LcmFacts
     versions: VersionFacts
+    pace: PaceFacts | None = None  # only where the run was held to the wall clock
 
 
 def build_summary(
@@ -113,6 +122,7 @@ def build_summary(
         ],
         "bus": asdict(facts.bus),
         "lcm": asdict(facts.lcm),
+        "pace": asdict(facts.pace) if facts.pace else None,
         "versions": asdict(facts.versions),
     }
 
@@ -204,6 +214,11 @@ def _facts_in_words(summary: Summary) -> list[str]:
         lines[-1] += (
             f"; load at 1 Mbit/s {_text(bus['load_typical_percent'], 0)} %, "
             f"worst {_text(bus['load_worst_percent'], 0)} %"
+        )
+    if pace := summary["pace"]:
+        lines.append(
+            f"held to the wall clock: {pace['overruns']} overruns, "
+            f"a period began at most {pace['lateness_max_us']} us late"
         )
     return lines
 
