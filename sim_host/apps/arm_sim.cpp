@@ -1,12 +1,12 @@
-// arm_sim: the ODE arm as a process; owns simulated time. Publishes HAND_WRENCH and ARM_STATE, waits
-// for the torques of all nodes, advances.
+// arm_sim: the ODE arm as a process; owns simulated time. Publishes HAND_WRENCH and ARM_STATE,
+// waits for the torques of all nodes, advances.
 
 #include <ctime>
 
 #include "apps/common_options.h"
-#include "hpmc_lcm/joint_torque_t.hpp"
 #include "host/progress.h"
 #include "host/tick_clock.h"
+#include "hpmc_lcm/joint_torque_t.hpp"
 #include "link/can_bus.h"
 #include "link/injected_sensors.h"
 #include "link/lcm_link.h"
@@ -76,8 +76,8 @@ class ArmProcess {
                   LcmReceiver(options.plant_url, "JOINT_TORQUE_3", options.stall_timeout_ms)} {
         if (config.sensors == Sensors::injected) {
             // TPDO1 of all nodes.
-            bus_ = std::make_unique<CanBus>(
-                options.can, std::vector<can_socket_filter_t>{{0x180, 0x780}});
+            bus_ = std::make_unique<CanBus>(options.can,
+                                            std::vector<can_socket_filter_t>{{0x180, 0x780}});
         }
     }
 

@@ -37,7 +37,8 @@ inline void add_log_level(CLI::App &app, LogLevel &level) {
         ->transform(CLI::CheckedTransformer(names));
 }
 
-/// Parses the command line, runs `body`, and turns what goes wrong into one line and an exit status.
+/// Parses the command line, runs `body`, and turns what goes wrong into one line and an exit
+/// status.
 template <class Body>
 int run_app(const char *name, CLI::App &app, int argc, char **argv, Body &&body) {
     try {

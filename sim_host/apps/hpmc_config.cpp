@@ -21,8 +21,8 @@ int main(int argc, char **argv) {
         if (!describe) {
             std::cout << "\n# periods_per_repetition = " << schedule.periods_per_repetition()
                       << "\n# joint_ticks = " << config.joint_ticks()
-                      << "\n# bus_load_worst_percent = "
-                      << bus_load_worst_percent(config.sensors) << '\n';
+                      << "\n# bus_load_worst_percent = " << bus_load_worst_percent(config.sensors)
+                      << '\n';
         }
         return 0;
     });

@@ -2,10 +2,10 @@
 // and the wrench sensor only; HAND_WRENCH opens each SYNC period, BUS_CLOSED ends its commands.
 
 #include "apps/common_options.h"
-#include "hpmc_lcm/bus_closed_t.hpp"
-#include "hpmc_lcm/hand_wrench_t.hpp"
 #include "host/bus_account.h"
 #include "host/progress.h"
+#include "hpmc_lcm/bus_closed_t.hpp"
+#include "hpmc_lcm/hand_wrench_t.hpp"
 #include "link/can_bus.h"
 #include "link/lcm_link.h"
 

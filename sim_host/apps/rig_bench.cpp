@@ -45,7 +45,8 @@ int main(int argc, char **argv) {
             periods = rig.last_period() - rig.first_period();
             steps = periods * std::llround(kSyncPeriod_s / config.plant.step_s);
             sil_s.push_back(seconds([&] {
-                for (std::int64_t p = rig.first_period(); p < rig.last_period() && rig.step(p); ++p) {
+                for (std::int64_t p = rig.first_period(); p < rig.last_period() && rig.step(p);
+                     ++p) {
                 }
             }));
             if (!rig.fault().empty()) {

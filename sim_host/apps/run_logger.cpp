@@ -126,8 +126,8 @@ class Logger {
         lost_ += first ? 0 : std::max<std::int64_t>(0, seq - entry->second);
         entry->second = seq + 1;
         newest_utime_ = std::max(newest_utime_, utime);
-        waiting_.push_back({utime, message.channel,
-                            {message.payload, message.payload + message.payload_length}});
+        waiting_.push_back(
+            {utime, message.channel, {message.payload, message.payload + message.payload_length}});
     }
 
     void write_before(std::int64_t utime) {

@@ -48,8 +48,7 @@ void SilRig::begin_repetition(std::int64_t repetition) {
     sensors_.reset();
 }
 
-void SilRig::publish_arm_state(std::int64_t period, std::int64_t tick,
-                               const ArmPlantState &state) {
+void SilRig::publish_arm_state(std::int64_t period, std::int64_t tick, const ArmPlantState &state) {
     arm_state_.utime = clock_.utime(period, tick);
     arm_state_.seq = clock_.seq(period, tick);
     fill_arm_state(state, tau_Nm_, arm_state_);
@@ -93,8 +92,7 @@ void SilRig::step_nodes(std::int64_t period, std::int64_t tick, const ArmPlantSt
         motor_node_input_t input{};
         input.elapsed_us = static_cast<std::uint32_t>(utime - last_utime_);
         input.position_inc = encoder_model_increments(
-            state.q_rad[at],
-            static_cast<std::uint32_t>(config_.joint.increments_per_revolution));
+            state.q_rad[at], static_cast<std::uint32_t>(config_.joint.increments_per_revolution));
         input.temperature_dC = kAmbient_dC;
         input.frames = inbox_[joint].frames.data();
         input.frame_count = tick == 0 ? inbox_[joint].count : 0;

@@ -8,11 +8,11 @@
 #include <memory>
 #include <string>
 
-#include "hpmc_lcm/arm_state_t.hpp"
 #include "host/bus_account.h"
 #include "host/host_cycle.h"
 #include "host/telemetry.h"
 #include "host/tick_clock.h"
+#include "hpmc_lcm/arm_state_t.hpp"
 #include "link/injected_sensors.h"
 #include "link/lcm_link.h"
 #include "plant/arm_plant.h"

@@ -5,7 +5,7 @@
 namespace hpmc {
 namespace {
 
-constexpr double kBitsPerPeriod = 1000.0; ///< 1 Mbit/s, 1 ms
+constexpr double kBitsPerPeriod = 1000.0;                   ///< 1 Mbit/s, 1 ms
 constexpr int kCyclicFrames = 2 * static_cast<int>(kNodes); ///< RPDO1 and TPDO1
 
 } // namespace

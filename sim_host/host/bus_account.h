@@ -1,6 +1,7 @@
 /**
- * Frames and load of the bus over a run: the share of a physical 1 Mbit/s bus that the traffic would
- * take, worst case from the cyclic frames, typical from bits counted exactly in a sample of periods.
+ * Frames and load of the bus over a run: the share of a physical 1 Mbit/s bus that the traffic
+ * would take, worst case from the cyclic frames, typical from bits counted exactly in a sample of
+ * periods.
  */
 #pragma once
 

@@ -22,10 +22,9 @@ CanopenMasterConfig master_config(const RunConfig &config) {
 constexpr double kTorqueRange_mNm = 32767.0; ///< 6071h and 6072h
 
 std::int32_t position_inc(double increments) {
-    return static_cast<std::int32_t>(
-        std::clamp(std::round(increments),
-                   static_cast<double>(std::numeric_limits<std::int32_t>::min()),
-                   static_cast<double>(std::numeric_limits<std::int32_t>::max())));
+    return static_cast<std::int32_t>(std::clamp(
+        std::round(increments), static_cast<double>(std::numeric_limits<std::int32_t>::min()),
+        static_cast<double>(std::numeric_limits<std::int32_t>::max())));
 }
 
 std::int16_t torque_mNm(double torque_Nm) {
@@ -117,8 +116,7 @@ Eigen::Vector3d HostCycle::approach(const Eigen::Vector3d &q_d_rad, double &torq
     const double reduced = config_.schedule.approach_torque;
     torque_fraction = reduced + (1.0 - reduced) * smooth_step(fraction - 1.0);
     const double bound = config_.hpmc.dynamic_task.joint_step_max_rad;
-    const Eigen::Vector3d wanted =
-        q_start_rad_ + smooth_step(fraction) * (q_d_rad - q_start_rad_);
+    const Eigen::Vector3d wanted = q_start_rad_ + smooth_step(fraction) * (q_d_rad - q_start_rad_);
     q_blend_rad_ += (wanted - q_blend_rad_).cwiseMax(-bound).cwiseMin(bound);
     return q_blend_rad_;
 }
@@ -208,7 +206,8 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
         master_.stop();
     }
     output.frame_count = master_.compose(commands, output.frames);
-    output.finished = master_.stage() == MasterStage::stopped && (stop_requested_ || !fault_.empty());
+    output.finished =
+        master_.stage() == MasterStage::stopped && (stop_requested_ || !fault_.empty());
     fill_state(input, out, q_d_rad);
 }
 

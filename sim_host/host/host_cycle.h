@@ -13,18 +13,18 @@
 #include <string>
 #include <vector>
 
-#include "hpmc_lcm/hpmc_state_t.hpp"
-#include "hpmc_lcm/node_status_t.hpp"
 #include "host/run_config.h"
 #include "host/run_schedule.h"
+#include "hpmc_lcm/hpmc_state_t.hpp"
+#include "hpmc_lcm/node_status_t.hpp"
 #include "link/canopen_master.h"
 
 namespace hpmc {
 
 struct HostCycleInput {
-    std::int64_t period;          ///< counted from the begin of repetition 0
-    Eigen::Vector2d wrench_N;     ///< force of the hand on its environment
-    const can_frame_t *frames;    ///< what the nodes sent in the period before, by identifier
+    std::int64_t period;       ///< counted from the begin of repetition 0
+    Eigen::Vector2d wrench_N;  ///< force of the hand on its environment
+    const can_frame_t *frames; ///< what the nodes sent in the period before, by identifier
     std::size_t frame_count;
 };
 
@@ -81,8 +81,8 @@ class HostCycle {
 
     SchedulePoint point_{};
     Eigen::Vector3d q_rad_ = Eigen::Vector3d::Zero();
-    Eigen::Vector3d q_start_rad_ = Eigen::Vector3d::Zero();  ///< where the approach began
-    Eigen::Vector3d q_blend_rad_ = Eigen::Vector3d::Zero();  ///< last desired angles of the approach
+    Eigen::Vector3d q_start_rad_ = Eigen::Vector3d::Zero(); ///< where the approach began
+    Eigen::Vector3d q_blend_rad_ = Eigen::Vector3d::Zero(); ///< last desired angles of the approach
     std::int64_t periods_enabled_ = 0;
     std::vector<Commands> delay_line_; ///< commands on their way, oldest at delay_next_
     std::size_t delay_next_ = 0;

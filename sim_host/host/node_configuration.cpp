@@ -16,7 +16,9 @@ std::uint32_t scaled(double value, double per_unit) {
     return static_cast<std::uint32_t>(std::lround(value * per_unit));
 }
 
-std::uint32_t unsigned_ms(std::int64_t value) { return static_cast<std::uint32_t>(value); }
+std::uint32_t unsigned_ms(std::int64_t value) {
+    return static_cast<std::uint32_t>(value);
+}
 
 SdoWrite write(const motor_node_od::Entry &object, std::uint32_t value) {
     return {object.index, object.subindex,

@@ -69,8 +69,7 @@ template <class V> void describe(RunConfig &c, V &v) {
              "N m s/rad, viscous (plant only)");
 
     v.section("plant", "the simulated arm");
-    v.number("step_s", c.plant.step_s, 0.00005, 0.001,
-             "s, step of ODE; divides the joint period");
+    v.number("step_s", c.plant.step_s, 0.00005, 0.001, "s, step of ODE; divides the joint period");
 
     v.section("elastic_band", "layer 1");
     v.number("acceleration_max_m_s2", c.hpmc.elastic_band.acceleration_max_m_s2, 0.001, 50,
@@ -105,7 +104,8 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.number("q_p_rad", c.joint.q_p_rad, 0.0005, 0.5, "rad, end of the first plateau");
     v.number("q_b_rad", c.joint.q_b_rad, 0.0005, 0.5, "rad, error at the second plateau");
     v.number("delta_inc", c.joint.delta_inc, 0, 255, "increments, motion that counts as such");
-    v.number("stall_time_s", c.joint.stall_time_s, 0.001, 1, "s, rest after which no motion counts");
+    v.number("stall_time_s", c.joint.stall_time_s, 0.001, 1,
+             "s, rest after which no motion counts");
     v.number("ramp_s", c.joint.ramp_s, 0.001, 5, "s, ramp of the output bound");
     v.integer("increments_per_revolution", c.joint.increments_per_revolution, 1024, 1 << 24,
               "of the encoders and of the commands");
@@ -165,8 +165,8 @@ class Reader {
                               " numbers, each " + range_text(low, high));
         }
         for (int i = 0; i < N; ++i) {
-            value[i] = checked(key, (*array)[static_cast<std::size_t>(i)].value<double>(), low, high,
-                               "an array of numbers");
+            value[i] = checked(key, (*array)[static_cast<std::size_t>(i)].value<double>(), low,
+                               high, "an array of numbers");
         }
     }
 

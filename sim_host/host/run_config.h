@@ -47,16 +47,16 @@ struct JointConfig {
 };
 
 struct BusConfig {
-    std::int64_t pipeline;          ///< 1 or 2 cycles from measurement to command
-    std::int64_t command_delay_ms;  ///< on top of the pipeline
-    std::int64_t deadline_periods;  ///< 1400h:05
-    std::int64_t heartbeat_ms;      ///< 1017h of the nodes and of the host
+    std::int64_t pipeline;         ///< 1 or 2 cycles from measurement to command
+    std::int64_t command_delay_ms; ///< on top of the pipeline
+    std::int64_t deadline_periods; ///< 1400h:05
+    std::int64_t heartbeat_ms;     ///< 1017h of the nodes and of the host
     std::int64_t heartbeat_timeout_ms;
 };
 
 struct ScheduleConfig {
-    double setup_s;    ///< boot, configuration, enabling and approach fit into this
-    double approach_s; ///< from the measured pose to the first desired one
+    double setup_s;         ///< boot, configuration, enabling and approach fit into this
+    double approach_s;      ///< from the measured pose to the first desired one
     double approach_torque; ///< fraction of T_max during the approach
     double approach_tolerance_m;
     double stop_s; ///< quick stop, disabling

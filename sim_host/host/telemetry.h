@@ -1,15 +1,15 @@
 /**
- * What the host publishes of each SYNC period: HPMC_STATE, CAN_FRAMES, NODE_STATUS_n, ARM_TARGET and
- * RUN_INFO, to any sink with publish(channel, message).
+ * What the host publishes of each SYNC period: HPMC_STATE, CAN_FRAMES, NODE_STATUS_n, ARM_TARGET
+ * and RUN_INFO, to any sink with publish(channel, message).
  */
 #pragma once
 
 #include <string>
 
+#include "host/host_cycle.h"
 #include "hpmc_lcm/arm_target_t.hpp"
 #include "hpmc_lcm/can_frames_t.hpp"
 #include "hpmc_lcm/run_info_t.hpp"
-#include "host/host_cycle.h"
 #include "link/bus_closing.h"
 
 namespace hpmc {

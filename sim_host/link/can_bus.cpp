@@ -20,7 +20,9 @@ CanBus::CanBus(const std::string &interface, const std::vector<can_socket_filter
     }
 }
 
-CanBus::~CanBus() { can_socket_close(&socket_); }
+CanBus::~CanBus() {
+    can_socket_close(&socket_);
+}
 
 void CanBus::send(const can_frame_t *frames, std::size_t count) {
     if (!can_socket_send(&socket_, frames, count, kFrameWait_ms)) {

@@ -11,7 +11,9 @@
 namespace hpmc {
 
 /// Bits of a data frame with `len` (0..8) bytes when bit stuffing is at its worst.
-constexpr int can_bits_worst(int len) { return 47 + 8 * len + (34 + 8 * len - 1) / 4; }
+constexpr int can_bits_worst(int len) {
+    return 47 + 8 * len + (34 + 8 * len - 1) / 4;
+}
 
 /// Bits of exactly this data frame, stuffed bits and CRC included.
 int can_bits_exact(const can_frame_t &frame);

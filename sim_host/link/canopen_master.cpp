@@ -66,7 +66,9 @@ std::uint32_t get_le(const can_frame_t &frame, std::size_t at, std::size_t bytes
     return value;
 }
 
-std::uint16_t id_of(std::size_t joint) { return static_cast<std::uint16_t>(joint + 1); }
+std::uint16_t id_of(std::size_t joint) {
+    return static_cast<std::uint16_t>(joint + 1);
+}
 
 std::uint16_t next_controlword(std::uint16_t statusword) {
     if ((statusword & kSwitchOnDisabledMask) == kSwitchOnDisabled) {
@@ -83,7 +85,9 @@ std::uint16_t next_controlword(std::uint16_t statusword) {
     }
 }
 
-bool is_enabled(const NodeView &node) { return (node.statusword & kStateMask) == kOperationEnabled; }
+bool is_enabled(const NodeView &node) {
+    return (node.statusword & kStateMask) == kOperationEnabled;
+}
 
 can_frame_t rpdo2(std::size_t joint, std::uint16_t controlword, std::int8_t mode) {
     return make_frame(static_cast<std::uint16_t>(kRpdo2 + id_of(joint)),
@@ -97,7 +101,9 @@ std::array<can_frame_t, kJoints> quick_stop_frames() {
     return {rpdo2(0, kQuickStop, 0), rpdo2(1, kQuickStop, 0), rpdo2(2, kQuickStop, 0)};
 }
 
-CanopenMaster::CanopenMaster(CanopenMasterConfig config) : config_(std::move(config)) { restart(); }
+CanopenMaster::CanopenMaster(CanopenMasterConfig config) : config_(std::move(config)) {
+    restart();
+}
 
 void CanopenMaster::restart() {
     enter(MasterStage::reset);
@@ -196,8 +202,8 @@ void CanopenMaster::watch() {
         node.periods_without_tpdo1 = node.tpdo1_in_period == 0 ? node.periods_without_tpdo1 + 1 : 0;
         if (cyclic && periods_in_stage_ > 0) {
             if (node.tpdo1_in_period > 1) {
-                fail(joint, "sent " + std::to_string(node.tpdo1_in_period) +
-                                " TPDO1 in one period");
+                fail(joint,
+                     "sent " + std::to_string(node.tpdo1_in_period) + " TPDO1 in one period");
             } else if (node.periods_without_tpdo1 >= kSilentPeriods &&
                        (stage_ == MasterStage::enabled || periods_in_stage_ > kSilentPeriods)) {
                 fail(joint, "sent no TPDO1 for " + std::to_string(node.periods_without_tpdo1) +
@@ -228,9 +234,10 @@ void CanopenMaster::watch() {
         if (stage_ == MasterStage::enable && periods_in_stage_ > kEnablePeriods &&
             !is_enabled(node)) {
             char text[96];
-            std::snprintf(text, sizeof text,
-                          "was not enabled within %u periods, statusword %04Xh, limit reasons %04Xh",
-                          kEnablePeriods, node.statusword, node.limit_reasons);
+            std::snprintf(
+                text, sizeof text,
+                "was not enabled within %u periods, statusword %04Xh, limit reasons %04Xh",
+                kEnablePeriods, node.statusword, node.limit_reasons);
             fail(joint, text);
         }
     }
@@ -269,11 +276,10 @@ bool CanopenMaster::compose_configuration(Frames &frames, std::size_t &count) {
         const SdoWrite &w = writes[configured_[joint]];
         // CiA 301 7.2.4.3.3: expedited download, size indicated.
         const unsigned command = 0x23U | static_cast<unsigned>(4 - w.bytes) << 2U;
-        frames[count++] =
-            make_frame(static_cast<std::uint16_t>(kSdoRequest + id_of(joint)),
-                       {command, w.index & 0xFFU, static_cast<unsigned>(w.index) >> 8U, w.subindex,
-                        w.value & 0xFFU, w.value >> 8U & 0xFFU, w.value >> 16U & 0xFFU,
-                        w.value >> 24U});
+        frames[count++] = make_frame(
+            static_cast<std::uint16_t>(kSdoRequest + id_of(joint)),
+            {command, w.index & 0xFFU, static_cast<unsigned>(w.index) >> 8U, w.subindex,
+             w.value & 0xFFU, w.value >> 8U & 0xFFU, w.value >> 16U & 0xFFU, w.value >> 24U});
         periods_to_answer_[joint] = kSdoPeriods;
         next_joint_ = (joint + 1) % kJoints;
         return true;

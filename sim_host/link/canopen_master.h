@@ -113,7 +113,7 @@ class CanopenMaster {
     std::size_t next_joint_ = 0; ///< whose turn it is for the acyclic frame
     std::array<NodeView, kJoints> nodes_;
     std::array<bool, kJoints> news_{};
-    std::array<std::size_t, kJoints> configured_{}; ///< objects written so far
+    std::array<std::size_t, kJoints> configured_{};          ///< objects written so far
     std::array<std::uint32_t, kJoints> periods_to_answer_{}; ///< 0: no request under way
     std::array<std::uint16_t, kJoints> controlword_{};
     std::array<std::uint32_t, kJoints> periods_since_controlword_{};

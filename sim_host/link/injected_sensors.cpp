@@ -38,8 +38,7 @@ Eigen::Vector3d InjectedSensors::torque_Nm(const PeriodFrames &frames) {
         const can_frame_t &frame = frames.frames[i];
         const std::size_t node = static_cast<std::size_t>(frame.id - kTpdo1);
         if (frame.id > kTpdo1 && node <= kNodes && frame.len == 8) {
-            const auto torque_mNm =
-                static_cast<std::int16_t>(frame.data[4] | frame.data[5] << 8U);
+            const auto torque_mNm = static_cast<std::int16_t>(frame.data[4] | frame.data[5] << 8U);
             torque_Nm_[static_cast<Eigen::Index>(node - 1)] = torque_mNm / 1000.0;
             periods_silent_[node - 1] = 0;
         }

@@ -18,8 +18,8 @@ class InjectedSensors {
     /// Appends one RPDO4 per node: position, tick (low byte of period), flags 0, temperature.
     void inject(const Eigen::Vector3d &q_rad, std::int64_t period, PeriodFrames &frames) const;
 
-    /// Torques for the plant after a period in which the nodes sent `frames`: 6077h of TPDO1. A node
-    /// that sent none keeps its torque for kHoldPeriods, then counts as without torque.
+    /// Torques for the plant after a period in which the nodes sent `frames`: 6077h of TPDO1. A
+    /// node that sent none keeps its torque for kHoldPeriods, then counts as without torque.
     Eigen::Vector3d torque_Nm(const PeriodFrames &frames);
 
     void reset();

@@ -29,7 +29,9 @@ LcmSender::LcmSender(const std::string &url) : sender_(std::make_unique<lcm_udp_
     }
 }
 
-LcmSender::~LcmSender() { lcm_udp_sender_close(sender_.get()); }
+LcmSender::~LcmSender() {
+    lcm_udp_sender_close(sender_.get());
+}
 
 void LcmSender::flush() {
     if (!lcm_udp_flush(sender_.get())) {
@@ -49,7 +51,9 @@ LcmReceiver::LcmReceiver(const std::string &url, const std::string &channel, int
     }
 }
 
-LcmReceiver::~LcmReceiver() { lcm_udp_receiver_close(&receiver_); }
+LcmReceiver::~LcmReceiver() {
+    lcm_udp_receiver_close(&receiver_);
+}
 
 void LcmReceiver::wait(bool stoppable) {
     for (int waited_ms = 0; waited_ms < stall_timeout_ms_; waited_ms += kPoll_ms) {
@@ -88,6 +92,8 @@ void LcmLogWriter::write(const char *channel, std::int64_t utime, const void *da
     ++written_;
 }
 
-void LcmLogWriter::flush() { std::fflush(log_->f); }
+void LcmLogWriter::flush() {
+    std::fflush(log_->f);
+}
 
 } // namespace hpmc

@@ -12,6 +12,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -67,14 +68,14 @@ sys.exit(9)
 """
 
 
-def run(*command: str, **options) -> subprocess.CompletedProcess[bytes]:
+def run(*command: str, **options: Any) -> subprocess.CompletedProcess[bytes]:
     options.setdefault("stdin", subprocess.DEVNULL)
     if "input" in options:
         del options["stdin"]
     return subprocess.run(command, capture_output=True, timeout=LIMIT_S, **options)
 
 
-def start(*command: str, **options) -> subprocess.Popen[bytes]:
+def start(*command: str, **options: Any) -> subprocess.Popen[bytes]:
     pipe = subprocess.PIPE
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, **options)
 

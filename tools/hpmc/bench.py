@@ -1,4 +1,4 @@
-"""`./rig bench`: speed of the simulation in one process beside that of ODE alone, in the same run."""
+"""`./rig bench`: speed of sil beside that of ODE alone, in the same run."""
 
 import argparse
 import json
@@ -24,9 +24,18 @@ def main(argv: Sequence[str]) -> int:
     options = parser.parse_args(argv)
     with tempfile.TemporaryDirectory() as folder:
         answer = subprocess.run(
-            [str(PROGRAMS["bench"]), "--config", str(CONFIG / "clock.toml"),
-             "--log", str(Path(folder) / "run.lcmlog"), "--rounds", str(options.rounds)],
-            capture_output=True, text=True, timeout=600,
+            [
+                str(PROGRAMS["bench"]),
+                "--config",
+                str(CONFIG / "clock.toml"),
+                "--log",
+                str(Path(folder) / "run.lcmlog"),
+                "--rounds",
+                str(options.rounds),
+            ],
+            capture_output=True,
+            text=True,
+            timeout=600,
         )
     if answer.returncode != 0:
         print(f"rig bench: {answer.stderr.strip()}", file=sys.stderr)
@@ -41,7 +50,8 @@ def main(argv: Sequence[str]) -> int:
     table.add_row("sil", f"{told['sil_s']:.3f} s", "")
     table.add_row("ODE alone", f"{told['ode_alone_s']:.3f} s", "")
     table.add_row("ratio", f"{told['ratio']:.2f}", f"at most {RATIO_LIMIT:.0f}")
-    table.add_row("times real time", f"{told['real_time_factor']:.0f}",
-                  f"at least {REAL_TIME_LIMIT:.0f}")
+    table.add_row(
+        "times real time", f"{told['real_time_factor']:.0f}", f"at least {REAL_TIME_LIMIT:.0f}"
+    )
     Console().print(table)
     return 0

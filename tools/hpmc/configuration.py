@@ -40,7 +40,7 @@ def experiments() -> list[str]:
 def load_configuration(
     experiment: str, files: Sequence[Path] = (), overrides: Sequence[str] = ()
 ) -> Configuration:
-    """The experiment's file, then `files`, then `key=value` overrides. Raises ConfigurationError."""
+    """The experiment's file, `files` over it, then `key=value`. Raises ConfigurationError."""
     command = [str(PROGRAMS["hpmc_config"])]
     for file in (CONFIG / f"{experiment}.toml", *files):
         command += ["--config", str(file)]

@@ -74,29 +74,67 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         allow_abbrev=False,
         description="Runs an experiment; leaves its log, summary and figures in a folder.",
     )
-    parser.add_argument("experiment", choices=experiments(), help="name of a file in sim_host/config")
-    parser.add_argument("--mode", choices=("sil", "vcan"), default="vcan",
-                        help="sil: one process; vcan: one process per box, on a CAN bus (default)")
-    parser.add_argument("--sensors", choices=("direct", "injected"),
-                        help="how the nodes see the arm: LCM, or RPDO4 and TPDO1")
+    parser.add_argument(
+        "experiment", choices=experiments(), help="name of a file in sim_host/config"
+    )
+    parser.add_argument(
+        "--mode",
+        choices=("sil", "vcan"),
+        default="vcan",
+        help="sil: one process; vcan: one process per box, on a CAN bus (default)",
+    )
+    parser.add_argument(
+        "--sensors",
+        choices=("direct", "injected"),
+        help="how the nodes see the arm: LCM, or RPDO4 and TPDO1",
+    )
     parser.add_argument("--repetitions", metavar="N", help="of 16 reaches each")
     parser.add_argument("--joint-rate-hz", choices=("1000", "5000"), help="joint loop of the nodes")
     parser.add_argument("--phase-rule", choices=("body_motion", "error_growth"), help="of the FIC")
     parser.add_argument("--seed", metavar="N", help="of the start angles' offsets")
-    parser.add_argument("--config", type=Path, metavar="FILE",
-                        help="TOML over the experiment's own; only the keys that change")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
-                        help="one parameter, e.g. bus.command_delay_ms=5 (repeatable)")
-    parser.add_argument("--pace", choices=("lockstep", "realtime"), default="lockstep",
-                        help="as fast as it goes (default), or held to the wall clock (vcan)")
-    parser.add_argument("--jobs", type=positive, default=1, metavar="N",
-                        help="sil: repetitions spread over N processes")
-    parser.add_argument("--log", choices=("full", "states", "none"),
-                        help=f"default: full up to {FULL_LOG_REACHES} reaches, else states")
-    parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="folder to make (default: runs/TIME-EXPERIMENT-MODE)")
-    parser.add_argument("--uml", action="store_true",
-                        help="vcan inside user-mode Linux even where the kernel has CAN")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="TOML over the experiment's own; only the keys that change",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="overrides",
+        help="one parameter, e.g. bus.command_delay_ms=5 (repeatable)",
+    )
+    parser.add_argument(
+        "--pace",
+        choices=("lockstep", "realtime"),
+        default="lockstep",
+        help="as fast as it goes (default), or held to the wall clock (vcan)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=positive,
+        default=1,
+        metavar="N",
+        help="sil: repetitions spread over N processes",
+    )
+    parser.add_argument(
+        "--log",
+        choices=("full", "states", "none"),
+        help=f"default: full up to {FULL_LOG_REACHES} reaches, else states",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder to make (default: runs/TIME-EXPERIMENT-MODE)",
+    )
+    parser.add_argument(
+        "--uml",
+        action="store_true",
+        help="vcan inside user-mode Linux even where the kernel has CAN",
+    )
     parser.add_argument("--no-figures", action="store_true", help="no pictures")
     return parser.parse_args(argv)
 
@@ -116,7 +154,9 @@ def all_overrides(options: argparse.Namespace) -> list[str]:
         "joint.phase_rule": options.phase_rule,
         "rig.sensors": options.sensors,
     }
-    return [f"{key}={value}" for key, value in named.items() if value is not None] + options.overrides
+    return [
+        f"{key}={value}" for key, value in named.items() if value is not None
+    ] + options.overrides
 
 
 def log_bytes(configuration: Configuration, level: str) -> int:
@@ -144,11 +184,15 @@ def check_folder(folder: Path) -> None:
         raise ConfigurationError(f"--out {folder}: exists already and is not empty")
 
 
-def make_folder(folder: Path) -> None:
+def make_folder(folder: Path, configuration: Configuration) -> Path:
+    """Makes the output folder with config.toml in it, and returns the latter."""
+    config_file = folder / "config.toml"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        config_file.write_text(configuration.toml)
     except OSError as error:
-        raise ConfigurationError(f"--out {folder}: cannot be made: {error.strerror}") from None
+        raise ConfigurationError(f"--out {folder}: cannot be written: {error.strerror}") from None
+    return config_file
 
 
 def check_space(folder: Path, wanted_bytes: int) -> None:
@@ -157,7 +201,7 @@ def check_space(folder: Path, wanted_bytes: int) -> None:
     if free < wanted_bytes + DISK_RESERVE_BYTES:
         raise ConfigurationError(
             f"--out {folder}: the log will take {wanted_bytes / 1e6:.0f} MB, "
-            f"{free / 1e6:.0f} MB are free; take fewer --repetitions, --log states, or another --out"
+            f"{free / 1e6:.0f} MB are free; take fewer --repetitions, --log states or another --out"
         )
 
 
@@ -166,10 +210,13 @@ class ProgressBar:
 
     def __init__(self, console: Console, reaches: int) -> None:
         self.bar = Progress(
-            TextColumn("{task.description}"), BarColumn(None),
+            TextColumn("{task.description}"),
+            BarColumn(None),
             TextColumn("reach {task.completed:.0f}/{task.total:.0f}"),
-            TextColumn("{task.fields[simulated]}"), TimeElapsedColumn(),
-            console=console, transient=not console.is_terminal,
+            TextColumn("{task.fields[simulated]}"),
+            TimeElapsedColumn(),
+            console=console,
+            transient=not console.is_terminal,
         )
         self.reaches = reaches
         self.task = self.bar.add_task("starting", total=reaches, simulated="")
@@ -184,13 +231,18 @@ class ProgressBar:
         if not self.done:
             self.began = time.monotonic()
         reaches = told["reach"] + 1 + REACHES_PER_REPETITION * told["repetition"]
-        self.done[job] = (max(reaches, self.done.get(job, (0, 0, 0))[0]), first, told["simulated_s"])
+        self.done[job] = (
+            max(reaches, self.done.get(job, (0, 0, 0))[0]),
+            first,
+            told["simulated_s"],
+        )
         completed = sum(entry[0] for entry in self.done.values())
         simulated = sum(entry[2] - entry[1] for entry in self.done.values())
         elapsed = max(time.monotonic() - self.began, 1e-3)
         text = f"{simulated:.1f} s simulated, {simulated / elapsed:.2f} x real time"
-        self.bar.update(self.task, completed=min(completed, self.reaches), simulated=text,
-                        description="running")
+        self.bar.update(
+            self.task, completed=min(completed, self.reaches), simulated=text, description="running"
+        )
         if not self.console.is_terminal and time.monotonic() - self.printed > 5.0:
             self.printed = time.monotonic()
             self.console.print(f"reach {completed}/{self.reaches}, {text}")
@@ -201,13 +253,20 @@ class Child:
 
     def __init__(self, command: list[str], on_line: Callable[[str], None]) -> None:
         self.errors: list[str] = []
-        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                        stderr=subprocess.PIPE, text=True, start_new_session=True)
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
         assert self.process.stdout is not None and self.process.stderr is not None
         self.readers = [
             threading.Thread(target=read_lines, args=(self.process.stdout, on_line), daemon=True),
-            threading.Thread(target=read_lines, args=(self.process.stderr, self.errors.append),
-                             daemon=True),
+            threading.Thread(
+                target=read_lines, args=(self.process.stderr, self.errors.append), daemon=True
+            ),
         ]
         for reader in self.readers:
             reader.start()
@@ -227,8 +286,10 @@ def read_lines(stream: IO[str], on_line: Callable[[str], None]) -> None:
 def wait_for(children: list[Child]) -> bool:
     """Waits for all; passes Ctrl-C and SIGTERM on as SIGINT. True when interrupted."""
     interrupted = False
-    previous = {number: signal.signal(number, signal.default_int_handler)
-                for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {
+        number: signal.signal(number, signal.default_int_handler)
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         while any(child.process.poll() is None for child in children):
             try:
@@ -259,8 +320,14 @@ def spread(repetitions: int, jobs: int) -> list[tuple[int, int]]:
     return parts
 
 
-def run_sil(configuration: Configuration, config_file: Path, level: str, jobs: int, folder: Path,
-            bar: ProgressBar) -> Outcome:
+def run_sil(
+    configuration: Configuration,
+    config_file: Path,
+    level: str,
+    jobs: int,
+    folder: Path,
+    bar: ProgressBar,
+) -> Outcome:
     parts = spread(configuration.repetitions, jobs)
     outcome = Outcome()
     children: list[Child] = []
@@ -268,16 +335,31 @@ def run_sil(configuration: Configuration, config_file: Path, level: str, jobs: i
     for job, (first, count) in enumerate(parts):
         log = folder / ("run.lcmlog" if len(parts) == 1 else f"run-{job:02d}.lcmlog")
         outcome.logs.append(log)
-        children.append(Child(
-            [str(PROGRAMS["sil"]), "--config", str(config_file), "--log", str(log),
-             "--log-level", level, "--first-repetition", str(first), "--repetitions", str(count)],
-            line_reader(outcome, bar, job, first),
-        ))
+        children.append(
+            Child(
+                [
+                    str(PROGRAMS["sil"]),
+                    "--config",
+                    str(config_file),
+                    "--log",
+                    str(log),
+                    "--log-level",
+                    level,
+                    "--first-repetition",
+                    str(first),
+                    "--repetitions",
+                    str(count),
+                ],
+                line_reader(outcome, bar, job, first),
+            )
+        )
     outcome.interrupted = wait_for(children)
     outcome.wall_s = time.monotonic() - began
     for child in children:
         if child.process.returncode != 0 and not outcome.interrupted and not outcome.reason:
-            outcome.reason = "; ".join(child.errors[-1:]) or describe_status(child.process.returncode)
+            outcome.reason = "; ".join(child.errors[-1:]) or describe_status(
+                child.process.returncode
+            )
     return outcome
 
 
@@ -289,6 +371,7 @@ def line_reader(outcome: Outcome, bar: ProgressBar, job: int, first: int) -> Cal
             bar.update(job, json.dumps(told))
         elif line.startswith("STATS "):
             outcome.stats.append(json.loads(line.removeprefix("STATS ")))
+
     return on_line
 
 
@@ -298,12 +381,17 @@ def describe_status(status: int) -> str:
     return f"sil ended with status {status}"
 
 
-def vcan_plan(configuration: Configuration, config_file: Path, level: str, log: Path,
-              realtime: bool) -> dict[str, Any]:
+def vcan_plan(
+    configuration: Configuration, config_file: Path, level: str, log: Path, realtime: bool
+) -> dict[str, Any]:
     config = ["--config", str(config_file)]
-    node = [str(PROGRAMS["motor_node"]), "--joint-ticks", str(configuration.joint_ticks),
-            "--increments-per-revolution",
-            str(configuration.values["joint"]["increments_per_revolution"])]
+    node = [
+        str(PROGRAMS["motor_node"]),
+        "--joint-ticks",
+        str(configuration.joint_ticks),
+        "--increments-per-revolution",
+        str(configuration.values["joint"]["increments_per_revolution"]),
+    ]
     processes = {
         "run_logger": [str(PROGRAMS["run_logger"]), "--log", str(log), "--log-level", level],
         **{f"motor_node {n}": [*node, "--id", str(n)] for n in (1, 2, 3)},
@@ -318,8 +406,14 @@ def sandbox_name() -> str:
     return f"run-{os.getpid()}"
 
 
-def run_vcan(configuration: Configuration, config_file: Path, level: str, folder: Path,
-             options: argparse.Namespace, bar: ProgressBar) -> Outcome:
+def run_vcan(
+    configuration: Configuration,
+    config_file: Path,
+    level: str,
+    folder: Path,
+    options: argparse.Namespace,
+    bar: ProgressBar,
+) -> Outcome:
     outcome = Outcome(logs=[folder / "run.lcmlog"])
     result: dict[str, Any] = {}
 
@@ -330,16 +424,30 @@ def run_vcan(configuration: Configuration, config_file: Path, level: str, folder
             result.update(json.loads(line.removeprefix("RESULT ")))
 
     with tempfile.NamedTemporaryFile("w", suffix=".json", dir=folder) as plan:
-        json.dump(vcan_plan(configuration, config_file, level, outcome.logs[0],
-                            options.pace == "realtime"), plan)
+        json.dump(
+            vcan_plan(
+                configuration, config_file, level, outcome.logs[0], options.pace == "realtime"
+            ),
+            plan,
+        )
         plan.flush()
-        command = [str(WITH_VCAN), "--name", sandbox_name(), *(["--uml"] if options.uml else []),
-                   sys.executable, "-I", "-S", str(LAUNCHER), plan.name]
+        command = [
+            str(WITH_VCAN),
+            "--name",
+            sandbox_name(),
+            *(["--uml"] if options.uml else []),
+            sys.executable,
+            "-I",
+            "-S",
+            str(LAUNCHER),
+            plan.name,
+        ]
         child = Child(command, on_line)
         outcome.interrupted = wait_for([child])
     if not result:
         outcome.reason = " ".join(child.errors[-3:]) or (
-            f"the vcan session ended with status {child.process.returncode}")
+            f"the vcan session ended with status {child.process.returncode}"
+        )
         return outcome
     outcome.wall_s = result["wall_s"]
     outcome.reason = result["reason"]
@@ -352,15 +460,27 @@ def total(stats: list[dict[str, Any]], *keys: str) -> int:
     return sum(int(entry.get(key, 0)) for entry in stats for key in keys)
 
 
-def write_results(options: argparse.Namespace, configuration: Configuration, outcome: Outcome,
-                  folder: Path, level: str, console: Console) -> None:
+def write_results(
+    options: argparse.Namespace,
+    configuration: Configuration,
+    outcome: Outcome,
+    folder: Path,
+    level: str,
+    console: Console,
+) -> None:
     """Analysis is imported here: a run is under way before numpy and matplotlib are loaded."""
     from hpmc.analysis import analyse_logs
     from hpmc.candump import write_candump
     from hpmc.kinematics import ClockGeometry, PlanarArm
     from hpmc.lcm_log import LcmLog
     from hpmc.summary import (
-        BusFacts, LcmFacts, PaceFacts, RunFacts, VersionFacts, build_summary, print_summary,
+        BusFacts,
+        LcmFacts,
+        PaceFacts,
+        RunFacts,
+        VersionFacts,
+        build_summary,
+        print_summary,
         write_summary,
     )
 
@@ -374,24 +494,30 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
     analysis = analyse_logs(outcome.logs, values["experiment"]["period_s"])
     log = LcmLog(outcome.logs[0])
     info = next(log.messages("RUN_INFO"))
-    loads = [entry["load_typical_percent"] for entry in outcome.stats
-             if "load_typical_percent" in entry]
+    loads = [
+        entry["load_typical_percent"] for entry in outcome.stats if "load_typical_percent" in entry
+    ]
     simulated_s = configuration.repetitions * configuration.periods_per_repetition * SYNC_PERIOD_S
     facts = RunFacts(
-        mode=options.mode, seed=configuration.seed, repetitions=configuration.repetitions,
-        simulated_s=simulated_s, wall_s=outcome.wall_s,
+        mode=options.mode,
+        seed=configuration.seed,
+        repetitions=configuration.repetitions,
+        simulated_s=simulated_s,
+        wall_s=outcome.wall_s,
         bus=BusFacts(
             frames=total(outcome.stats, "frames"),
             lost=total(outcome.stats, "frames_lost", "frames_dropped"),
             load_worst_percent=configuration.bus_load_worst_percent,
             load_typical_percent=sum(loads) / len(loads) if loads else None,
         ),
-        lcm=LcmFacts(messages=total(outcome.stats, "messages"),
-                     lost=total(outcome.stats, "lost")),
+        lcm=LcmFacts(messages=total(outcome.stats, "messages"), lost=total(outcome.stats, "lost")),
         versions=VersionFacts(git=info["git"], protocol_hash=info["protocol_hash"]),
-        pace=PaceFacts(overruns=total(outcome.stats, "overruns"),
-                       lateness_max_us=total(outcome.stats, "lateness_max_us"))
-        if options.pace == "realtime" else None,
+        pace=PaceFacts(
+            overruns=total(outcome.stats, "overruns"),
+            lateness_max_us=total(outcome.stats, "lateness_max_us"),
+        )
+        if options.pace == "realtime"
+        else None,
     )
     summary = build_summary(facts, analysis, geometry)
     if analysis.incomplete:
@@ -411,7 +537,8 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
 
 def run(options: argparse.Namespace, console: Console) -> int:
     configuration = load_configuration(
-        options.experiment, [options.config] if options.config else [], all_overrides(options))
+        options.experiment, [options.config] if options.config else [], all_overrides(options)
+    )
     if options.mode == "vcan" and options.jobs > 1:
         raise ConfigurationError("--jobs: goes with --mode sil")
     if options.mode == "vcan" and configuration.values["bus"]["command_delay_ms"] > 0:
@@ -425,18 +552,21 @@ def run(options: argparse.Namespace, console: Console) -> int:
     check_folder(folder)
     wanted = log_bytes(configuration, level)
     check_space(folder, wanted + candump_bytes(configuration, level))
-    fits = "" if configuration.bus_load_worst_percent <= 100.0 else (
-        " (a physical bus would need a slower SYNC)")
+    config_file = make_folder(folder, configuration)
+    fits = (
+        ""
+        if configuration.bus_load_worst_percent <= 100.0
+        else (" (a physical bus would need a slower SYNC)")
+    )
     kept = "" if level != "none" else ", removed after the analysis"
-    console.print(f"{reaches} reaches, {options.mode}; bus load at 1 Mbit/s at worst "
-                  f"{configuration.bus_load_worst_percent:.1f} %{fits}; "
-                  f"log {level}, "
-                  f"about {wanted / 1e6:.0f} MB{kept}")
+    console.print(
+        f"{reaches} reaches, {options.mode}; bus load at 1 Mbit/s at worst "
+        f"{configuration.bus_load_worst_percent:.1f} %{fits}; "
+        f"log {level}, "
+        f"about {wanted / 1e6:.0f} MB{kept}"
+    )
     if options.mode == "vcan":
         console.print(f"look in meanwhile: tools/with-vcan --join {sandbox_name()} candump vcan0")
-    make_folder(folder)
-    config_file = folder / "config.toml"
-    config_file.write_text(configuration.toml)
     app_level = "full" if level == "full" else "states"
     bar = ProgressBar(console, reaches)
     with bar.bar:

@@ -100,9 +100,11 @@ def steps() -> list[Step]:
             "one test alone: ctest --preset clang -R NAME",
         ),
         Step(
-            "generated", "files made from motor_node.eds are up to date",
-            [[sys.executable, "tools/generate_od.py", "--check"]], 60,
-            "make them again: build/venv/bin/python tools/generate_od.py",
+            "generated", "files made from motor_node.eds and from hpmc_config are up to date",
+            [[sys.executable, "tools/generate_od.py", "--check"],
+             [sys.executable, "tools/generate_config_docs.py", "--check"]], 60,
+            "make them again: tools/generate_od.py; tools/generate_config_docs.py",
+            after="build",
         ),
         Step(
             "format", "layout of C and C++ sources",

@@ -14,8 +14,7 @@
 
 enum { FILTER_MAX = 32, RECEIVE_BUFFER_BYTES = 4 << 20 };
 
-static bool set_filters(int fd, const can_socket_filter_t *filters, size_t count)
-{
+static bool set_filters(int fd, const can_socket_filter_t *filters, size_t count) {
     struct can_filter raw[FILTER_MAX];
     if (count > FILTER_MAX) {
         errno = E2BIG;
@@ -30,8 +29,7 @@ static bool set_filters(int fd, const can_socket_filter_t *filters, size_t count
 }
 
 bool can_socket_open(can_socket_t *can, const char *interface, const can_socket_filter_t *filters,
-                     size_t filter_count)
-{
+                     size_t filter_count) {
     memset(can, 0, sizeof *can);
     can->fd = socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
     if (can->fd < 0) {
@@ -58,16 +56,14 @@ bool can_socket_open(can_socket_t *can, const char *interface, const can_socket_
     return ok;
 }
 
-void can_socket_close(can_socket_t *can)
-{
+void can_socket_close(can_socket_t *can) {
     if (can->fd >= 0) {
         (void)close(can->fd);
     }
     can->fd = -1;
 }
 
-bool can_socket_send(can_socket_t *can, const can_frame_t *frames, size_t count, int timeout_ms)
-{
+bool can_socket_send(can_socket_t *can, const can_frame_t *frames, size_t count, int timeout_ms) {
     struct can_frame raw[CAN_SOCKET_BATCH];
     struct iovec parts[CAN_SOCKET_BATCH];
     struct mmsghdr messages[CAN_SOCKET_BATCH];
@@ -104,8 +100,7 @@ bool can_socket_send(can_socket_t *can, const can_frame_t *frames, size_t count,
     return true;
 }
 
-static void note_drops(can_socket_t *can, struct msghdr *header)
-{
+static void note_drops(can_socket_t *can, struct msghdr *header) {
     for (struct cmsghdr *c = CMSG_FIRSTHDR(header); c != NULL; c = CMSG_NXTHDR(header, c)) {
         if (c->cmsg_level == SOL_SOCKET && c->cmsg_type == SO_RXQ_OVFL) {
             memcpy(&can->dropped, CMSG_DATA(c), sizeof can->dropped);
@@ -113,8 +108,7 @@ static void note_drops(can_socket_t *can, struct msghdr *header)
     }
 }
 
-size_t can_socket_receive(can_socket_t *can, can_frame_t *frames, size_t count, int timeout_ms)
-{
+size_t can_socket_receive(can_socket_t *can, can_frame_t *frames, size_t count, int timeout_ms) {
     struct can_frame raw[CAN_SOCKET_BATCH];
     struct iovec parts[CAN_SOCKET_BATCH];
     struct mmsghdr messages[CAN_SOCKET_BATCH];

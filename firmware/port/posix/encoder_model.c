@@ -4,8 +4,7 @@
 
 static const double TWO_PI = 6.283185307179586;
 
-int32_t encoder_model_increments(double angle_rad, uint32_t increments_per_revolution)
-{
+int32_t encoder_model_increments(double angle_rad, uint32_t increments_per_revolution) {
     const double increments = round(angle_rad * ((double)increments_per_revolution / TWO_PI));
     if (isnan(increments)) {
         return 0;

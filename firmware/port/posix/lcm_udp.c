@@ -18,21 +18,18 @@ enum {
     FILTER_MAX = 2 * (LCM_UDP_CHANNEL_MAX + 1) + 2
 };
 
-static void put_u32(uint8_t *at, uint32_t value)
-{
+static void put_u32(uint8_t *at, uint32_t value) {
     const uint32_t wire = htonl(value);
     memcpy(at, &wire, sizeof wire);
 }
 
-static uint32_t get_u32(const uint8_t *at)
-{
+static uint32_t get_u32(const uint8_t *at) {
     uint32_t wire;
     memcpy(&wire, at, sizeof wire);
     return ntohl(wire);
 }
 
-bool lcm_udp_parse(const char *url, lcm_udp_address_t *address)
-{
+bool lcm_udp_parse(const char *url, lcm_udp_address_t *address) {
     static const char prefix[] = "udpm://";
     char host[INET_ADDRSTRLEN];
     int port = 0;
@@ -52,8 +49,7 @@ bool lcm_udp_parse(const char *url, lcm_udp_address_t *address)
     return true;
 }
 
-bool lcm_udp_sender_open(lcm_udp_sender_t *sender, const lcm_udp_address_t *address)
-{
+bool lcm_udp_sender_open(lcm_udp_sender_t *sender, const lcm_udp_address_t *address) {
     sender->address = *address;
     sender->next_sequence = 0;
     sender->queued = 0;
@@ -70,16 +66,14 @@ bool lcm_udp_sender_open(lcm_udp_sender_t *sender, const lcm_udp_address_t *addr
     return true;
 }
 
-void lcm_udp_sender_close(lcm_udp_sender_t *sender)
-{
+void lcm_udp_sender_close(lcm_udp_sender_t *sender) {
     if (sender->fd >= 0) {
         (void)close(sender->fd);
     }
     sender->fd = -1;
 }
 
-uint8_t *lcm_udp_reserve(lcm_udp_sender_t *sender, const char *channel, size_t *capacity)
-{
+uint8_t *lcm_udp_reserve(lcm_udp_sender_t *sender, const char *channel, size_t *capacity) {
     const size_t name_bytes = strlen(channel) + 1U;
     if (name_bytes > LCM_UDP_CHANNEL_MAX + 1U) {
         errno = ENAMETOOLONG;
@@ -97,23 +91,20 @@ uint8_t *lcm_udp_reserve(lcm_udp_sender_t *sender, const char *channel, size_t *
     return datagram + HEADER_BYTES + name_bytes;
 }
 
-void lcm_udp_commit(lcm_udp_sender_t *sender, size_t payload_length)
-{
+void lcm_udp_commit(lcm_udp_sender_t *sender, size_t payload_length) {
     sender->length[sender->queued] += payload_length;
     sender->queued++;
     sender->next_sequence++;
 }
 
-bool lcm_udp_flush(lcm_udp_sender_t *sender)
-{
+bool lcm_udp_flush(lcm_udp_sender_t *sender) {
     struct iovec parts[LCM_UDP_BATCH];
     struct mmsghdr messages[LCM_UDP_BATCH];
     const size_t count = sender->queued;
     sender->queued = 0;
     memset(messages, 0, count * sizeof messages[0]);
     for (size_t i = 0; i < count; ++i) {
-        parts[i] =
-            (struct iovec){.iov_base = sender->datagram[i], .iov_len = sender->length[i]};
+        parts[i] = (struct iovec){.iov_base = sender->datagram[i], .iov_len = sender->length[i]};
         messages[i].msg_hdr.msg_iov = &parts[i];
         messages[i].msg_hdr.msg_iovlen = 1;
     }
@@ -130,8 +121,7 @@ bool lcm_udp_flush(lcm_udp_sender_t *sender)
 }
 
 /* Accepts a datagram when the bytes behind the LCM header are the channel's name and its NUL. */
-static bool attach_channel_filter(int fd, const char *channel)
-{
+static bool attach_channel_filter(int fd, const char *channel) {
     struct sock_filter program[FILTER_MAX];
     unsigned short length = 0;
     const size_t name_bytes = strlen(channel) + 1U;
@@ -152,8 +142,7 @@ static bool attach_channel_filter(int fd, const char *channel)
     return setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0;
 }
 
-static bool join_group(int fd, const lcm_udp_address_t *address)
-{
+static bool join_group(int fd, const lcm_udp_address_t *address) {
     const int on = 1;
     const int off = 0;
     const struct ip_mreq request = {.imr_multiaddr = address->group.sin_addr,
@@ -165,8 +154,7 @@ static bool join_group(int fd, const lcm_udp_address_t *address)
 }
 
 bool lcm_udp_receiver_open(lcm_udp_receiver_t *receiver, const lcm_udp_address_t *address,
-                           const char *channel, int buffer_bytes)
-{
+                           const char *channel, int buffer_bytes) {
     receiver->fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (receiver->fd < 0) {
         return false;
@@ -183,23 +171,20 @@ bool lcm_udp_receiver_open(lcm_udp_receiver_t *receiver, const lcm_udp_address_t
     return true;
 }
 
-void lcm_udp_receiver_close(lcm_udp_receiver_t *receiver)
-{
+void lcm_udp_receiver_close(lcm_udp_receiver_t *receiver) {
     if (receiver->fd >= 0) {
         (void)close(receiver->fd);
     }
     receiver->fd = -1;
 }
 
-bool lcm_udp_set_timeout(lcm_udp_receiver_t *receiver, int timeout_ms)
-{
+bool lcm_udp_set_timeout(lcm_udp_receiver_t *receiver, int timeout_ms) {
     const struct timeval timeout = {.tv_sec = timeout_ms / 1000,
                                     .tv_usec = (timeout_ms % 1000) * 1000};
     return setsockopt(receiver->fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout) == 0;
 }
 
-bool lcm_udp_take_apart(lcm_udp_message_t *message, size_t length)
-{
+bool lcm_udp_take_apart(lcm_udp_message_t *message, size_t length) {
     if (length < HEADER_BYTES + 1U || get_u32(message->datagram) != (uint32_t)MAGIC_SHORT) {
         return false;
     }
@@ -214,8 +199,7 @@ bool lcm_udp_take_apart(lcm_udp_message_t *message, size_t length)
     return true;
 }
 
-int lcm_udp_receive(lcm_udp_receiver_t *receiver, lcm_udp_message_t *message)
-{
+int lcm_udp_receive(lcm_udp_receiver_t *receiver, lcm_udp_message_t *message) {
     const ssize_t n = recv(receiver->fd, message->datagram, sizeof message->datagram, 0);
     if (n < 0) {
         return errno == EAGAIN || errno == EINTR ? 0 : -1;

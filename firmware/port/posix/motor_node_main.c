@@ -23,11 +23,11 @@
 enum {
     EXIT_USAGE = 2,
     EXIT_RUN_ENDED = 3,
-    POLL_MS = 250,          /* a blocking receive looks at the stop flag this often */
-    FRAME_WAIT_MS = 500,    /* vcan delivers at once: a frame missing for so long is lost */
+    POLL_MS = 250,       /* a blocking receive looks at the stop flag this often */
+    FRAME_WAIT_MS = 500, /* vcan delivers at once: a frame missing for so long is lost */
     BUFFER_BYTES = 1 << 20,
     JOINT_COUNT = 3,
-    AMBIENT_dC = 250        /* the simulated winding does not heat up */
+    AMBIENT_dC = 250 /* the simulated winding does not heat up */
 };
 
 typedef struct {
@@ -53,14 +53,12 @@ typedef struct {
     int64_t frames_sent;
 } rig_t;
 
-static int fail(const options_t *options, const char *what, const char *why)
-{
+static int fail(const options_t *options, const char *what, const char *why) {
     (void)fprintf(stderr, "motor_node %ld: %s: %s\n", options->node_id, what, why);
     return EXIT_RUN_ENDED;
 }
 
-static bool parse_long(const char *text, long low, long high, const char *name, long *value)
-{
+static bool parse_long(const char *text, long low, long high, const char *name, long *value) {
     char *end = NULL;
     errno = 0;
     *value = strtol(text, &end, 10);
@@ -72,8 +70,7 @@ static bool parse_long(const char *text, long low, long high, const char *name, 
     return true;
 }
 
-static bool parse_options(int argc, char **argv, options_t *o)
-{
+static bool parse_options(int argc, char **argv, options_t *o) {
     static const struct option table[] = {
         {"id", required_argument, NULL, 'i'},
         {"can", required_argument, NULL, 'c'},
@@ -93,10 +90,18 @@ static bool parse_options(int argc, char **argv, options_t *o)
     int key;
     while (ok && (key = getopt_long(argc, argv, "", table, NULL)) != -1) {
         switch (key) {
-        case 'i': ok = parse_long(optarg, 1, JOINT_COUNT, "id", &o->node_id); break;
-        case 'c': o->can = optarg; break;
-        case 'p': o->plant_url = optarg; break;
-        case 'j': ok = parse_long(optarg, 1, 10, "joint-ticks", &o->joint_ticks); break;
+        case 'i':
+            ok = parse_long(optarg, 1, JOINT_COUNT, "id", &o->node_id);
+            break;
+        case 'c':
+            o->can = optarg;
+            break;
+        case 'p':
+            o->plant_url = optarg;
+            break;
+        case 'j':
+            ok = parse_long(optarg, 1, 10, "joint-ticks", &o->joint_ticks);
+            break;
         case 'r':
             ok = parse_long(optarg, 1024, 1 << 24, "increments-per-revolution",
                             &o->increments_per_revolution);
@@ -104,7 +109,9 @@ static bool parse_options(int argc, char **argv, options_t *o)
         case 's':
             ok = parse_long(optarg, 100, 600000, "stall-timeout-ms", &o->stall_timeout_ms);
             break;
-        default: ok = false; break;
+        default:
+            ok = false;
+            break;
         }
     }
     if (ok && (o->node_id == 0 || optind != argc)) {
@@ -116,8 +123,7 @@ static bool parse_options(int argc, char **argv, options_t *o)
     return ok;
 }
 
-static bool open_rig(rig_t *rig)
-{
+static bool open_rig(rig_t *rig) {
     const options_t *o = &rig->options;
     lcm_udp_address_t plant;
     can_socket_filter_t filters[NODE_FILTERS_COUNT];
@@ -137,8 +143,7 @@ static bool open_rig(rig_t *rig)
 
 /* Waits for one message of a channel, bounded by the stall time-out. 1: there; 0: asked to stop;
  * -1: nothing came. */
-static int await(const rig_t *rig, lcm_udp_receiver_t *receiver, lcm_udp_message_t *message)
-{
+static int await(const rig_t *rig, lcm_udp_receiver_t *receiver, lcm_udp_message_t *message) {
     for (long waited_ms = 0; waited_ms < rig->options.stall_timeout_ms; waited_ms += POLL_MS) {
         const int got = lcm_udp_receive(receiver, message);
         if (got != 0) {
@@ -152,13 +157,11 @@ static int await(const rig_t *rig, lcm_udp_receiver_t *receiver, lcm_udp_message
     return -1;
 }
 
-static bool publish_torque(rig_t *rig, const hpmc_lcm_joint_torque_t *torque)
-{
+static bool publish_torque(rig_t *rig, const hpmc_lcm_joint_torque_t *torque) {
     size_t capacity = 0;
     uint8_t *payload = lcm_udp_reserve(&rig->sender, rig->torque_channel, &capacity);
     const int length =
-        payload == NULL ? -1
-                        : hpmc_lcm_joint_torque_t_encode(payload, 0, (int)capacity, torque);
+        payload == NULL ? -1 : hpmc_lcm_joint_torque_t_encode(payload, 0, (int)capacity, torque);
     if (length < 0) {
         return false;
     }
@@ -168,8 +171,7 @@ static bool publish_torque(rig_t *rig, const hpmc_lcm_joint_torque_t *torque)
 
 /* One joint tick: the device steps, its frames go out, then its torque, which says how many. */
 static bool step(rig_t *rig, const hpmc_lcm_arm_state_t *arm, const can_frame_t *frames,
-                 size_t frame_count)
-{
+                 size_t frame_count) {
     const size_t joint = (size_t)rig->options.node_id - 1U;
     const motor_node_input_t input = {
         .elapsed_us = (uint32_t)(arm->utime - rig->last_utime),
@@ -193,8 +195,7 @@ static bool step(rig_t *rig, const hpmc_lcm_arm_state_t *arm, const can_frame_t 
            publish_torque(rig, &torque);
 }
 
-static int run(rig_t *rig)
-{
+static int run(rig_t *rig) {
     static lcm_udp_message_t message;
     hpmc_lcm_bus_closed_t closed;
     hpmc_lcm_arm_state_t arm;
@@ -213,8 +214,7 @@ static int run(rig_t *rig)
         if (expected < 0 || expected > (int32_t)MOTOR_NODE_RX_MAX) {
             return fail(&rig->options, "BUS_CLOSED", "more frames than a node takes in a tick");
         }
-        const size_t count =
-            can_socket_receive(&rig->can, frames, (size_t)expected, FRAME_WAIT_MS);
+        const size_t count = can_socket_receive(&rig->can, frames, (size_t)expected, FRAME_WAIT_MS);
         if (count != (size_t)expected) {
             return stop_signal_raised() ? EXIT_SUCCESS
                                         : fail(&rig->options, rig->options.can, "a frame was lost");
@@ -236,8 +236,7 @@ static int run(rig_t *rig)
     }
 }
 
-int main(int argc, char **argv)
-{
+int main(int argc, char **argv) {
     static rig_t rig;
     if (!parse_options(argc, argv, &rig.options)) {
         return EXIT_USAGE;

@@ -2,20 +2,19 @@
 
 #include <string.h>
 
-void node_filters(uint8_t node_id, can_socket_filter_t filters[NODE_FILTERS_COUNT])
-{
+void node_filters(uint8_t node_id, can_socket_filter_t filters[NODE_FILTERS_COUNT]) {
     const uint16_t exact = 0x7FF;
     const uint16_t function_code = 0x780;
     const uint16_t id = node_id;
     const can_socket_filter_t accepted[NODE_FILTERS_COUNT] = {
-        {.match = 0x000, .mask = exact},                    /* NMT */
-        {.match = 0x080, .mask = function_code},            /* SYNC, EMCY of the peers */
-        {.match = (uint16_t)(0x200U + id), .mask = exact},  /* RPDO1 */
-        {.match = (uint16_t)(0x300U + id), .mask = exact},  /* RPDO2 */
-        {.match = (uint16_t)(0x500U + id), .mask = exact},  /* RPDO4 */
-        {.match = (uint16_t)(0x600U + id), .mask = exact},  /* SDO request */
-        {.match = 0x700, .mask = function_code},            /* heartbeats */
-        {.match = 0x7E5, .mask = exact},                    /* LSS */
+        {.match = 0x000, .mask = exact},                   /* NMT */
+        {.match = 0x080, .mask = function_code},           /* SYNC, EMCY of the peers */
+        {.match = (uint16_t)(0x200U + id), .mask = exact}, /* RPDO1 */
+        {.match = (uint16_t)(0x300U + id), .mask = exact}, /* RPDO2 */
+        {.match = (uint16_t)(0x500U + id), .mask = exact}, /* RPDO4 */
+        {.match = (uint16_t)(0x600U + id), .mask = exact}, /* SDO request */
+        {.match = 0x700, .mask = function_code},           /* heartbeats */
+        {.match = 0x7E5, .mask = exact},                   /* LSS */
     };
     memcpy(filters, accepted, sizeof accepted);
 }

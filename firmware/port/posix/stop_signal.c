@@ -6,14 +6,12 @@
 
 static volatile sig_atomic_t raised;
 
-static void on_signal(int number)
-{
+static void on_signal(int number) {
     (void)number;
     raised = 1;
 }
 
-void stop_signal_install(bool ignore_interrupt)
-{
+void stop_signal_install(bool ignore_interrupt) {
     struct sigaction action;
     memset(&action, 0, sizeof action);
     action.sa_handler = on_signal; /* no SA_RESTART: a blocking receive must return */
@@ -24,4 +22,6 @@ void stop_signal_install(bool ignore_interrupt)
     (void)sigaction(SIGINT, &action, NULL);
 }
 
-bool stop_signal_raised(void) { return raised != 0; }
+bool stop_signal_raised(void) {
+    return raised != 0;
+}

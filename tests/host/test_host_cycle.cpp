@@ -1,0 +1,362 @@
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "node_bench.h"
+
+using namespace hpmc;
+using test::frame;
+using test::NodeBench;
+
+namespace {
+
+/// How the host ends a run: quick stop to all nodes in this very period, then off, then NMT stop.
+void check_stops_now(NodeBench &bench, const char *cause) {
+    CHECK(bench.cycle.fault().find(cause) != std::string::npos);
+    CHECK(bench.cycle.fault().find('\n') == std::string::npos);
+    CHECK(bench.phase() == RunPhase::stop);
+    for (unsigned node = 1; node <= kJoints; ++node) {
+        CHECK(bench.sent(0x200 + node) == 0);
+        REQUIRE(bench.sent(0x300 + node) == 1);
+    }
+    for (std::size_t i = 0; i < bench.output.frame_count; ++i) {
+        const can_frame_t &f = bench.output.frames[i];
+        if ((f.id & 0x780) == 0x300) {
+            CHECK(f.len == 3);
+            CHECK(f.data[0] == 0x02);
+            CHECK(f.data[1] == 0x00);
+            CHECK(f.data[2] == 0x00);
+        }
+    }
+    CHECK(bench.sent(0x080) == 1);
+    const std::string first_cause = bench.cycle.fault();
+    bench.tamper = [](PeriodFrames &) {};
+    bool nmt_stopped = false;
+    for (int i = 0; i < 400 && !bench.output.finished; ++i) {
+        bench.step();
+        nmt_stopped = nmt_stopped || bench.sent(0x000) == 1;
+    }
+    CHECK(bench.output.finished);
+    CHECK(nmt_stopped);
+    CHECK(bench.cycle.fault() == first_cause);
+}
+
+PeriodFrames without(const PeriodFrames &frames, unsigned id) {
+    PeriodFrames kept{};
+    for (std::size_t i = 0; i < frames.count; ++i) {
+        if (frames.frames[i].id != id) {
+            kept.append(&frames.frames[i], 1);
+        }
+    }
+    return kept;
+}
+
+} // namespace
+
+TEST_CASE("three nodes are booted, configured, started and enabled, in this order") {
+    NodeBench bench;
+    std::vector<RunPhase> phases;
+    std::int64_t operating_since = 0;
+    for (int i = 0; i < 900; ++i) {
+        bench.step();
+        if (phases.empty() || phases.back() != bench.phase()) {
+            phases.push_back(bench.phase());
+        }
+        if (operating_since == 0 && bench.cycle.operating()) {
+            operating_since = bench.period;
+        }
+    }
+    CHECK(phases == std::vector<RunPhase>{RunPhase::boot, RunPhase::configure, RunPhase::enable,
+                                          RunPhase::approach});
+    CHECK(bench.cycle.fault().empty());
+    CHECK(operating_since > 0);
+    CHECK(operating_since < 300);
+    for (const motor_node_t &node : bench.nodes) {
+        CHECK(node.nmt == NMT_OPERATIONAL);
+        CHECK((node.od.statusword & 0x006F) == 0x0027);
+        CHECK(node.od.modes_of_operation_display == MODE_FRACTAL_IMPEDANCE);
+    }
+}
+
+TEST_CASE("each period: at most one acyclic frame, RPDO1 of all nodes, SYNC last, its counter goes on") {
+    NodeBench bench;
+    int counter = 0;
+    for (int i = 0; i < 900; ++i) {
+        bench.step();
+        const std::size_t count = bench.output.frame_count;
+        std::size_t acyclic = 0;
+        for (std::size_t f = 0; f < count; ++f) {
+            const unsigned id = bench.output.frames[f].id;
+            const bool cyclic = id == 0x080 || (id & 0x780) == 0x200;
+            acyclic += cyclic ? 0 : 1;
+        }
+        CHECK(acyclic <= 1);
+        if (bench.sent(0x080) == 1) {
+            const can_frame_t &sync = bench.output.frames[count - 1];
+            CHECK(sync.id == 0x080);
+            counter = counter % 240 + 1;
+            CHECK(sync.data[0] == counter);
+            for (unsigned node = 1; node <= kJoints; ++node) {
+                CHECK(bench.output.frames[count - 1 - kJoints + node - 1].id == 0x200 + node);
+            }
+        }
+    }
+    CHECK(counter > 0);
+}
+
+TEST_CASE("before the nodes are enabled their command is the measured angle without torque") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::enable));
+    bench.step();
+    bench.step();
+    for (std::size_t i = 0; i < bench.output.frame_count; ++i) {
+        const can_frame_t &f = bench.output.frames[i];
+        if ((f.id & 0x780) == 0x200) {
+            std::int32_t position_inc = 0;
+            std::memcpy(&position_inc, f.data, sizeof position_inc);
+            CHECK(position_inc == bench.nodes[(f.id & 0x7FU) - 1U].od.position_actual_value);
+            CHECK(std::vector<int>(f.data + 4, f.data + 8) == std::vector<int>{0, 0, 0, 0});
+        }
+    }
+}
+
+TEST_CASE("no TPDO1 from a node for 2 periods") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    bench.tamper = [](PeriodFrames &frames) { frames = without(frames, 0x182); };
+    bench.step();
+    CHECK(bench.cycle.fault().empty());
+    bench.step();
+    check_stops_now(bench, "motor node 2: sent no TPDO1 for 2 periods");
+}
+
+TEST_CASE("one TPDO1 missing is survived") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    for (int i = 0; i < 20; ++i) {
+        if (i % 2 == 0) {
+            bench.tamper = [](PeriodFrames &frames) { frames = without(frames, 0x182); };
+        } else {
+            bench.tamper = [](PeriodFrames &) {};
+        }
+        bench.step();
+    }
+    CHECK(bench.cycle.fault().empty());
+}
+
+TEST_CASE("two TPDO1 of one node in a period") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    bench.tamper = [](PeriodFrames &frames) {
+        const can_frame_t twice = frame(0x183, {0, 0, 0, 0, 0, 0, 0x37, 0x06});
+        frames.append(&twice, 1);
+    };
+    bench.step();
+    check_stops_now(bench, "motor node 3: sent 2 TPDO1 in one period");
+}
+
+TEST_CASE("a node that is no longer in operation enabled") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    bench.tamper = [](PeriodFrames &frames) {
+        for (std::size_t i = 0; i < frames.count; ++i) {
+            if (frames.frames[i].id == 0x181) {
+                frames.frames[i].data[6] = 0x33; // switched on
+            }
+        }
+    };
+    bench.step();
+    check_stops_now(bench, "motor node 1: left operation enabled, statusword");
+}
+
+TEST_CASE("an emergency of a node") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    bench.tamper = [](PeriodFrames &frames) {
+        const can_frame_t emergency = frame(0x082, {0x50, 0x82, 0x11, 0, 0, 0, 0, 0});
+        frames.append(&emergency, 1);
+    };
+    bench.step();
+    check_stops_now(bench, "motor node 2: emergency 8250h, error register 11h");
+}
+
+TEST_CASE("a node that no longer gets its commands faults, says so, and the host stops all") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    bench.tamper_host = [](PeriodFrames &frames) { frames = without(frames, 0x201); };
+    const std::int64_t since = bench.period;
+    while (bench.cycle.fault().empty() && bench.period < since + 200) {
+        bench.step();
+    }
+    CHECK(bench.period - since <= 10);
+    check_stops_now(bench, "motor node 1: emergency 8250h");
+}
+
+TEST_CASE("a value in a layer that is no number, and none of it goes to the nodes") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    for (int i = 0; i < 400; ++i) {
+        bench.step();
+    }
+    REQUIRE(bench.cycle.fault().empty());
+    bench.wrench_N.x() = std::numeric_limits<double>::quiet_NaN();
+    bench.step();
+    check_stops_now(bench, "a layer of the host gave a value that is no finite number");
+    CHECK(bench.cycle.fault().find("(repetition 0, 0.") != std::string::npos);
+}
+
+TEST_CASE("a node that refuses an SDO request") {
+    NodeBench bench;
+    bench.tamper = [](PeriodFrames &frames) {
+        for (std::size_t i = 0; i < frames.count; ++i) {
+            can_frame_t &f = frames.frames[i];
+            if (f.id == 0x582) {
+                f = frame(0x582, {0x80, f.data[1], f.data[2], f.data[3], 0x30, 0x00, 0x09, 0x06});
+            }
+        }
+    };
+    while (bench.cycle.fault().empty() && bench.period < 200) {
+        bench.step();
+    }
+    CHECK(bench.cycle.fault().find(
+              "motor node 2: refused object 1017h:00 = 100 with SDO abort 06090030h") == 0);
+    CHECK(bench.phase() == RunPhase::stop);
+    CHECK(bench.sent(0x000) == 1);
+}
+
+TEST_CASE("a node that does not answer, or does not boot") {
+    SUBCASE("SDO") {
+        NodeBench bench;
+        bench.tamper = [](PeriodFrames &frames) { frames = without(frames, 0x583); };
+        while (bench.cycle.fault().empty() && bench.period < 300) {
+            bench.step();
+        }
+        CHECK(bench.cycle.fault().find("motor node 3: did not answer an SDO request") == 0);
+        CHECK(bench.period < 100);
+    }
+    SUBCASE("boot-up") {
+        NodeBench bench;
+        bench.tamper = [](PeriodFrames &frames) { frames = without(frames, 0x701); };
+        while (bench.cycle.fault().empty() && bench.period < 300) {
+            bench.step();
+        }
+        CHECK(bench.cycle.fault().find("motor node 1: did not boot") == 0);
+        CHECK(bench.period < 150);
+    }
+    SUBCASE("enabling") {
+        NodeBench bench;
+        REQUIRE(bench.step_to(RunPhase::enable));
+        while (bench.cycle.fault().empty() && bench.period < 600) {
+            bench.nodes[2].referenced = false;
+            bench.step();
+        }
+        CHECK(bench.cycle.fault().find("motor node 3: was not enabled within 300 periods, "
+                                       "statusword") == 0);
+        CHECK(bench.sent(0x302) == 1);
+    }
+}
+
+TEST_CASE("nodes that are enabled too late for the schedule") {
+    NodeBench bench(test::clock_config({"schedule.setup_s=0.5", "schedule.approach_s=0.05"}));
+    REQUIRE(bench.step_to(RunPhase::enable));
+    while (bench.cycle.fault().empty() && bench.period < 700) {
+        for (motor_node_t &node : bench.nodes) {
+            node.referenced = bench.period > 450; // 50 periods are not enough
+        }
+        bench.step();
+    }
+    const bool too_late =
+        bench.cycle.fault().find("the nodes were not enabled within schedule.setup_s") == 0;
+    const bool not_enabled = bench.cycle.fault().find("was not enabled within") != std::string::npos;
+    CHECK((too_late || not_enabled));
+}
+
+TEST_CASE("a stop on request is no fault") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    bench.cycle.request_stop();
+    bench.step();
+    CHECK(bench.phase() == RunPhase::stop);
+    CHECK(bench.sent(0x301) == 1);
+    CHECK_FALSE(bench.output.finished);
+    for (int i = 0; i < 400 && !bench.output.finished; ++i) {
+        bench.step();
+    }
+    CHECK(bench.output.finished);
+    CHECK(bench.cycle.fault().empty());
+    for (const motor_node_t &node : bench.nodes) {
+        CHECK((node.od.statusword & 0x004F) == 0x0040);
+    }
+}
+
+TEST_CASE("NODE_STATUS comes every 10 periods, and with an emergency at once") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    while (bench.cycle.state().seq % 10 != 0) {
+        bench.step();
+    }
+    hpmc_lcm::node_status_t status{};
+    CHECK(bench.cycle.node_status(0, status));
+    CHECK(status.node_id == 1);
+    CHECK((status.statusword & 0x6F) == 0x27);
+    CHECK(status.nmt_state == 5);
+    CHECK(status.mode_display == -1);
+    CHECK(status.position_inc == bench.nodes[0].od.position_actual_value);
+    CHECK(status.temperature_dC == 250);
+    const std::int64_t seq = status.seq;
+    bench.step();
+    CHECK_FALSE(bench.cycle.node_status(0, status));
+    bench.tamper = [](PeriodFrames &frames) {
+        const can_frame_t emergency = frame(0x081, {0x12, 0x84, 0x05, 0, 0, 0, 0, 0});
+        frames.append(&emergency, 1);
+    };
+    bench.step();
+    CHECK(bench.cycle.node_status(0, status));
+    CHECK_FALSE(bench.cycle.node_status(1, status));
+    CHECK(status.seq == seq + 1);
+    CHECK(status.emcy_code == 0x8412);
+    CHECK(status.error_register == 5);
+    CHECK(status.emcy_count == 1);
+}
+
+TEST_CASE("a delayed command is the one of so many periods ago") {
+    const auto commanded = [](const NodeBench &bench) {
+        std::vector<std::vector<int>> data;
+        for (std::size_t i = 0; i < bench.output.frame_count; ++i) {
+            const can_frame_t &f = bench.output.frames[i];
+            if ((f.id & 0x780) == 0x200) {
+                data.emplace_back(f.data, f.data + 8);
+            }
+        }
+        return data;
+    };
+    const auto all_commands = [&](const std::vector<std::string> &overrides) {
+        NodeBench bench(test::clock_config(overrides));
+        std::vector<std::vector<std::vector<int>>> commands;
+        while (bench.period < 1100 && bench.cycle.fault().empty()) {
+            bench.step();
+            if (bench.cycle.operating()) {
+                commands.push_back(commanded(bench));
+            }
+        }
+        return commands;
+    };
+    const auto prompt = all_commands({});
+    for (const auto &[overrides, delay] :
+         std::vector<std::pair<std::vector<std::string>, std::size_t>>{
+             {{"bus.command_delay_ms=3"}, 3},
+             {{"bus.pipeline=2"}, 1},
+             {{"bus.pipeline=2", "bus.command_delay_ms=3"}, 4}}) {
+        const auto late = all_commands(overrides);
+        REQUIRE(late.size() == prompt.size());
+        // The arm does not move, so the delay does not come back in the measurements.
+        std::size_t differences = 0;
+        for (std::size_t i = delay; i < late.size(); ++i) {
+            CHECK(late[i] == prompt[i - delay]);
+            differences += late[i] != prompt[i] ? 1 : 0;
+        }
+        CHECK(differences > 100);
+    }
+}
