@@ -9,12 +9,16 @@
 namespace hpmc {
 namespace {
 
-constexpr std::int64_t kStatusPeriods = 10; ///< NODE_STATUS at least this often
+constexpr double kApproachParts = 2.0; ///< the blend, then the rise to full torque, as long each
+constexpr std::int64_t kStatusPeriods = 10;     ///< NODE_STATUS at least this often
+constexpr std::int64_t kStopMarginPeriods = 30; ///< on top of the ramp of a quick stop
 
 CanopenMasterConfig master_config(const RunConfig &config) {
     CanopenMasterConfig master;
     master.configuration = node_configuration(config);
     master.heartbeat_periods = static_cast<std::uint32_t>(config.bus.heartbeat_ms);
+    master.stop_periods = static_cast<std::uint32_t>(
+        std::lround(config.joint.ramp_s / kSyncPeriod_s) + kStopMarginPeriods);
     return master;
 }
 
@@ -35,6 +39,11 @@ std::int16_t torque_mNm(double torque_Nm) {
 std::uint16_t torque_max_mNm(double torque_Nm) {
     return static_cast<std::uint16_t>(
         std::clamp(std::round(torque_Nm * 1000.0), 0.0, kTorqueRange_mNm));
+}
+
+bool all_finite(const HpmcOutput &out) {
+    return out.x_d_m.allFinite() && out.q_d_rad.allFinite() && out.tau_d_Nm.allFinite() &&
+           out.tau_max_Nm.allFinite();
 }
 
 /// 0 to 1 with zero slope at both ends.
@@ -97,19 +106,11 @@ void HostCycle::read_joints() {
     }
 }
 
-void HostCycle::watch_layers(const HpmcOutput &out) {
-    const bool finite = out.x_d_m.allFinite() && out.q_d_rad.allFinite() &&
-                        out.tau_d_Nm.allFinite() && out.tau_max_Nm.allFinite();
-    if (!finite) {
-        raise("a layer of the host gave a value that is no finite number");
-    }
-}
-
 /// Desired angles and fraction of T_max on the way from the measured pose to the first desired one.
 Eigen::Vector3d HostCycle::approach(const Eigen::Vector3d &q_d_rad, double &torque_fraction) {
     const double elapsed_s = static_cast<double>(periods_enabled_) * kSyncPeriod_s;
     const double fraction = (elapsed_s - config_.joint.ramp_s) / config_.schedule.approach_s;
-    if (fraction >= 2.0) {
+    if (fraction >= kApproachParts) {
         torque_fraction = 1.0;
         return q_d_rad;
     }
@@ -186,7 +187,11 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
             controller_.reset(arm_.link_ends(q_rad_)[hand], q_rad_);
         }
         out = controller_.step({point_.x_t_m, q_rad_, input.wrench_N});
-        watch_layers(out);
+        if (!all_finite(out)) {
+            raise("a layer of the host gave a value that is no finite number");
+            out = HpmcOutput{};
+            out.q_d_rad = q_rad_;
+        }
         double torque_fraction = 1.0;
         q_d_rad = point_.reach < 0 ? approach(out.q_d_rad, torque_fraction) : out.q_d_rad;
         commands = delayed(command(q_d_rad, out, torque_fraction));
@@ -206,8 +211,7 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
         master_.stop();
     }
     output.frame_count = master_.compose(commands, output.frames);
-    output.finished =
-        master_.stage() == MasterStage::stopped && (stop_requested_ || !fault_.empty());
+    output.finished = master_.stopped() && (stop_requested_ || !fault_.empty());
     fill_state(input, out, q_d_rad);
 }
 

@@ -64,7 +64,6 @@ class HostCycle {
     void begin_repetition();
     void raise(const std::string &why);
     void read_joints();
-    void watch_layers(const HpmcOutput &out);
     Eigen::Vector3d approach(const Eigen::Vector3d &q_d_rad, double &torque_fraction);
     Commands command(const Eigen::Vector3d &q_d_rad, const HpmcOutput &out, double torque_fraction);
     Commands delayed(const Commands &commands);

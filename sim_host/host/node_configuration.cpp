@@ -11,6 +11,7 @@ namespace {
 constexpr std::uint32_t kHostId = 127;
 constexpr std::uint32_t kSyncCounterMax = 240;
 constexpr std::uint32_t kTimeBaseStepped = 1;
+constexpr double kEnablingWindow_rad = 0.05; ///< 6065h: how far Q_d may be from the measured angle
 
 std::uint32_t scaled(double value, double per_unit) {
     return static_cast<std::uint32_t>(std::lround(value * per_unit));
@@ -49,6 +50,9 @@ std::vector<SdoWrite> one_node(const RunConfig &config, std::uint32_t node_id) {
         write(kRpdo1CommunicationParameterEventTimer, unsigned_ms(config.bus.deadline_periods)),
         write(kPositionEncoderResolutionEncoderIncrements,
               static_cast<std::uint32_t>(joint.increments_per_revolution)),
+        write(kFollowingErrorWindow,
+              scaled(kEnablingWindow_rad,
+                     static_cast<double>(joint.increments_per_revolution) / (2.0 * M_PI))),
         write(kFicQAUrad, scaled(joint.q_a_rad, 1e6)),
         write(kFicQPUrad, scaled(joint.q_p_rad, 1e6)),
         write(kFicQBUrad, scaled(joint.q_b_rad, 1e6)),

@@ -65,7 +65,7 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.section("arm", "the arm: upper arm, forearm, hand");
     v.vector("length_m", c.hpmc.arm.length_m, 0.01, 2, "m, length of each link");
     v.vector("mass_kg", c.plant.mass_kg, 0.01, 100, "kg, mass of each link (plant only)");
-    v.number("joint_friction_Nm_s_rad", c.plant.joint_friction_Nm_s_rad, 0, 10,
+    v.number("joint_friction_Nm_s_rad", c.plant.joint_friction_Nm_s_rad, 0, 1,
              "N m s/rad, viscous (plant only)");
 
     v.section("plant", "the simulated arm");
@@ -113,7 +113,7 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.section("bus", "host and nodes");
     v.integer("pipeline", c.bus.pipeline, 1, 2, "SYNC periods from measurement to command");
     v.integer("command_delay_ms", c.bus.command_delay_ms, 0, 100, "ms, beyond the pipeline");
-    v.integer("deadline_periods", c.bus.deadline_periods, 1, 1000,
+    v.integer("deadline_periods", c.bus.deadline_periods, 2, 1000,
               "SYNC periods without a command until a node stops");
     v.integer("heartbeat_ms", c.bus.heartbeat_ms, 10, 10000, "ms, of nodes and host");
     v.integer("heartbeat_timeout_ms", c.bus.heartbeat_timeout_ms, 20, 30000,
@@ -121,7 +121,8 @@ template <class V> void describe(RunConfig &c, V &v) {
 
     v.section("schedule", "of a repetition");
     v.number("setup_s", c.schedule.setup_s, 0.5, 60, "s, boot to the first reach");
-    v.number("approach_s", c.schedule.approach_s, 0.05, 30, "s, blend from the measured pose");
+    v.number("approach_s", c.schedule.approach_s, 0.05, 30,
+             "s, blend from the measured pose; as long again to full torque");
     v.number("approach_torque", c.schedule.approach_torque, 0.05, 1,
              "fraction of T_max during the approach");
     v.number("approach_tolerance_m", c.schedule.approach_tolerance_m, 0.0001, 0.05,
@@ -421,8 +422,8 @@ void check(const RunConfig &c) {
     }
     require(c.sensors == Sensors::direct || c.joint.rate_Hz == 1000,
             "rig.sensors: injected sensors come once per SYNC, so joint.rate_Hz must be 1000");
-    require(c.schedule.approach_s + c.joint.ramp_s + 0.3 <= c.schedule.setup_s,
-            "schedule.setup_s: must be at least approach_s + joint.ramp_s + 0.3");
+    require(2.0 * c.schedule.approach_s + c.joint.ramp_s + 0.3 <= c.schedule.setup_s,
+            "schedule.setup_s: must be at least 2 approach_s + joint.ramp_s + 0.3");
     require(c.joint.ramp_s + 0.05 <= c.schedule.stop_s,
             "schedule.stop_s: must be at least joint.ramp_s + 0.05");
     require(c.bus.heartbeat_timeout_ms > c.bus.heartbeat_ms,

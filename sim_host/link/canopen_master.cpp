@@ -44,7 +44,6 @@ constexpr std::uint32_t kBootPeriods = 100;
 constexpr std::uint32_t kSdoPeriods = 50;
 constexpr std::uint32_t kRepeatControlwordPeriods = 10;
 constexpr std::uint32_t kEnablePeriods = 300;
-constexpr std::uint32_t kStopPeriods = 200;
 constexpr std::uint32_t kSilentPeriods = 2;
 
 can_frame_t make_frame(std::uint16_t id, std::initializer_list<unsigned> bytes) {
@@ -318,7 +317,7 @@ void CanopenMaster::compose_stopping(Frames &frames, std::size_t &count) {
         for (const can_frame_t &frame : quick_stop_frames()) {
             frames[count++] = frame;
         }
-    } else if (at_rest || periods_in_stage_ > kStopPeriods) {
+    } else if (at_rest || periods_in_stage_ > config_.stop_periods) {
         frames[count++] = rpdo2(next_joint_, kDisableVoltage, 0);
         if (++next_joint_ == kJoints) {
             enter(MasterStage::stopped);

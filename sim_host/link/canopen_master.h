@@ -33,6 +33,7 @@ struct CanopenMasterConfig {
     std::array<std::vector<SdoWrite>, kJoints> configuration;
     std::uint32_t heartbeat_periods = 100; ///< host heartbeat, in SYNC periods
     std::int8_t mode = -1;                 ///< 6060h
+    std::uint32_t stop_periods = 200;      ///< longest wait for the ramp of a quick stop
 };
 
 /// Cyclic command of one joint: RPDO1.
@@ -86,6 +87,8 @@ class CanopenMaster {
     void stop();
 
     MasterStage stage() const { return stage_; }
+    /// The nodes are off and the command NMT stop is among the frames of the last compose().
+    bool stopped() const { return stage_ == MasterStage::stopped && periods_in_stage_ > 0; }
     const NodeView &node(std::size_t joint) const { return nodes_[joint]; }
     /// True when an emergency or a change of NMT state came with the last receive().
     bool news(std::size_t joint) const { return news_[joint]; }

@@ -46,7 +46,7 @@ void NodeBench::step() {
         deliver(static_cast<int>(joint + 1), from_host, inbox);
         motor_node_input_t input{};
         input.elapsed_us = period == 0 ? 0 : 1000;
-        input.position_inc = position_inc_[joint];
+        input.position_inc = position_inc_[joint] + displace_inc[joint];
         input.temperature_dC = 250;
         input.frames = inbox.frames.data();
         input.frame_count = inbox.count;

@@ -1,6 +1,7 @@
 /**
- * The host's cycle against three real motor nodes on a bus that a test can tamper with. The arm does
- * not move: each joint stays where it starts, which is enough to boot, configure, enable and stop.
+ * The host's cycle against three real motor nodes on a bus that a test can tamper with. The arm
+ * does not move: each joint stays where it starts, which is enough to boot, configure, enable and
+ * stop.
  */
 #pragma once
 
@@ -31,6 +32,7 @@ class NodeBench {
     std::function<void(hpmc::PeriodFrames &)> tamper = [](hpmc::PeriodFrames &) {};
     /// Changes what the host sent before the nodes see it.
     std::function<void(hpmc::PeriodFrames &)> tamper_host = [](hpmc::PeriodFrames &) {};
+    std::array<std::int32_t, hpmc::kJoints> displace_inc{}; ///< of each joint from home
     Eigen::Vector2d wrench_N = Eigen::Vector2d::Zero();
 
     void step();

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "node_bench.h"
 
@@ -80,7 +82,8 @@ TEST_CASE("three nodes are booted, configured, started and enabled, in this orde
     }
 }
 
-TEST_CASE("each period: at most one acyclic frame, RPDO1 of all nodes, SYNC last, its counter goes on") {
+TEST_CASE(
+    "each period: at most one acyclic frame, RPDO1 of all nodes, SYNC last, its counter goes on") {
     NodeBench bench;
     int counter = 0;
     for (int i = 0; i < 900; ++i) {
@@ -258,19 +261,37 @@ TEST_CASE("a node that does not answer, or does not boot") {
     }
 }
 
-TEST_CASE("nodes that are enabled too late for the schedule") {
-    NodeBench bench(test::clock_config({"schedule.setup_s=0.5", "schedule.approach_s=0.05"}));
-    REQUIRE(bench.step_to(RunPhase::enable));
-    while (bench.cycle.fault().empty() && bench.period < 700) {
-        for (motor_node_t &node : bench.nodes) {
-            node.referenced = bench.period > 450; // 50 periods are not enough
+TEST_CASE("nodes that are not enabled when the first reach is due") {
+    NodeBench bench(test::clock_config({"schedule.setup_s=0.6", "schedule.approach_s=0.05"}));
+    // SDO answers of node 3 that come 30 periods late use up the time.
+    std::vector<std::pair<std::int64_t, can_frame_t>> late;
+    bench.tamper = [&](PeriodFrames &frames) {
+        for (std::size_t i = 0; i < frames.count; ++i) {
+            if (frames.frames[i].id == 0x583) {
+                late.emplace_back(bench.period + 30, frames.frames[i]);
+            }
         }
+        frames = without(frames, 0x583);
+        if (!late.empty() && late.front().first <= bench.period) {
+            frames.append(&late.front().second, 1);
+            late.erase(late.begin());
+        }
+    };
+    while (bench.cycle.fault().empty() && bench.period < 800) {
         bench.step();
     }
-    const bool too_late =
-        bench.cycle.fault().find("the nodes were not enabled within schedule.setup_s") == 0;
-    const bool not_enabled = bench.cycle.fault().find("was not enabled within") != std::string::npos;
-    CHECK((too_late || not_enabled));
+    CHECK(bench.cycle.fault().find("the nodes were not enabled within schedule.setup_s") == 0);
+    CHECK(bench.period == 601);
+}
+
+TEST_CASE("an approach that does not come home") {
+    NodeBench bench(test::clock_config({"schedule.approach_tolerance_m=0.0001"}));
+    bench.displace_inc = {30, 0, 0}; // 2.9 mrad, 0.9 mm at the hand
+    while (bench.cycle.fault().empty() && bench.period < 1100) {
+        bench.step();
+    }
+    CHECK(bench.period == 1001);
+    check_stops_now(bench, "the approach did not reach home within schedule.setup_s");
 }
 
 TEST_CASE("a stop on request is no fault") {
@@ -294,7 +315,8 @@ TEST_CASE("a stop on request is no fault") {
 TEST_CASE("NODE_STATUS comes every 10 periods, and with an emergency at once") {
     NodeBench bench;
     REQUIRE(bench.step_to(RunPhase::approach));
-    while (bench.cycle.state().seq % 10 != 0) {
+    // Long enough for each node's first heartbeat and TPDO2.
+    while (bench.period < 600 || bench.cycle.state().seq % 10 != 0) {
         bench.step();
     }
     hpmc_lcm::node_status_t status{};

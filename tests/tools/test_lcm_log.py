@@ -277,7 +277,7 @@ def test_candump_lines_carry_the_tick_in_which_a_frame_was_sent(tmp_path: Path) 
             ),
         ],
     )
-    count = write_candump(LcmLog(tmp_path / "a.lcmlog"), tmp_path / "candump.log")
+    count = write_candump([LcmLog(tmp_path / "a.lcmlog")], tmp_path / "candump.log")
     assert count == 5
     assert (tmp_path / "candump.log").read_text().splitlines() == [
         "(0000000000.999000) vcan0 000#8100",
@@ -292,7 +292,7 @@ def test_candump_is_read_by_python_can(tmp_path: Path) -> None:
     can = pytest.importorskip("can")
     frames = [(0x181, 1, b"\xfe"), (0x201, 0, bytes(range(8)))]
     write_events(tmp_path / "a.lcmlog", [can_frames(5_000, frames), can_frames(6_000, frames)])
-    write_candump(LcmLog(tmp_path / "a.lcmlog"), tmp_path / "candump.log")
+    write_candump([LcmLog(tmp_path / "a.lcmlog")], tmp_path / "candump.log")
     read = list(can.CanutilsLogReader(tmp_path / "candump.log"))
     sent = [(cob_id, data) for cob_id, _, data in frames]
     assert [(message.arbitration_id, bytes(message.data)) for message in read] == 2 * sent
@@ -308,4 +308,4 @@ def test_a_damaged_can_frames_message_is_refused(tmp_path: Path) -> None:
     channel, data = can_frames(0, [(0x80, 0, b"")])
     write_events(tmp_path / "a.lcmlog", [(channel, data[:-1])])
     with pytest.raises(LogError, match="size"):
-        write_candump(LcmLog(tmp_path / "a.lcmlog"), tmp_path / "candump.log")
+        write_candump([LcmLog(tmp_path / "a.lcmlog")], tmp_path / "candump.log")

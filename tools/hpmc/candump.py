@@ -4,6 +4,7 @@ A CAN_FRAMES message of tick k holds what the nodes sent in tick k-1, then what 
 sensor injection) sent in tick k; each frame is stamped with the tick in which it was sent.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,18 @@ _FIRST_NODE, _LAST_NODE = 1, 3
 _WRITE_FRAMES = 200_000
 
 
-def write_candump(log: LcmLog, path: Path, interface: str = "vcan0") -> int:
-    """Writes all frames of the log, in bus order, and returns their number."""
-    message, frames = _read_frames(log)
-    utime = _send_times(log, message, frames["sender"])
+def write_candump(logs: Sequence[LcmLog], path: Path, interface: str = "vcan0") -> int:
+    """Writes all frames of the logs, in bus order, and returns their number."""
+    written = 0
     with path.open("w") as file:
-        for start in range(0, frames.size, _WRITE_FRAMES):
-            part = slice(start, start + _WRITE_FRAMES)
-            file.writelines(_lines(utime[part], frames[part], interface))
-    return int(frames.size)
+        for log in logs:
+            message, frames = _read_frames(log)
+            utime = _send_times(log, message, frames["sender"])
+            for start in range(0, frames.size, _WRITE_FRAMES):
+                part = slice(start, start + _WRITE_FRAMES)
+                file.writelines(_lines(utime[part], frames[part], interface))
+            written += int(frames.size)
+    return written
 
 
 def _lines(utime: np.ndarray, frames: np.ndarray, interface: str) -> list[str]:

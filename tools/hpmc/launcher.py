@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 READY_S = 20.0
+STALL_SPREAD_S = 0.6  # between the stall time-outs of two processes
 END_S = 5.0
 KILL_S = 0.1  # after a failure: the lockstep loop stands still, its parts cannot end in order
 
@@ -141,7 +142,7 @@ class Session:
         host = self.roles.get("hpmc_host")
         if host_may_end and host in ended and host.process.returncode >= 0:
             if host.process.returncode != 0 and not (self.interrupted and not host.said):
-                self.reason = self.reason or why_ended(host)
+                self.reason = self.reason or self.first_cause(host)
             return True
         # arm_sim ends by itself after the last tick, just before the host does.
         unexpected = [r for r in ended if r.name != "arm_sim" or r.process.returncode != 0]
@@ -151,6 +152,16 @@ class Session:
                 f"{why_ended(told[0])}, {self.simulated_s:.1f} s into the run"
             )
         return bool(unexpected)
+
+    def first_cause(self, host: Role) -> str:
+        """arm_sim, which waits for the nodes themselves, names a silent node; the host cannot."""
+        limit = time.monotonic() + STALL_SPREAD_S
+        arm = self.roles["arm_sim"]
+        while "no HAND_WRENCH" in "".join(host.said) and time.monotonic() < limit:
+            self.collect(0.05)
+            if arm.process.poll() is not None and arm.said:
+                return why_ended(arm)
+        return why_ended(host)
 
     def watch_until_host_ends(self) -> None:
         while not self.check_exits(host_may_end=True):

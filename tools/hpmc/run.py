@@ -525,7 +525,7 @@ def write_results(
     for damage in analysis.damage:
         console.print(f"[yellow]{damage}[/]")
     if level == "full":
-        write_candump(log, folder / "candump.log")
+        write_candump([LcmLog(path) for path in outcome.logs], folder / "candump.log")
     if not options.no_figures:
         from hpmc.figures import draw_all
 

@@ -14,7 +14,7 @@ extern "C" {
 #define NODE_FILTERS_COUNT 8U
 
 /** Fills filters for node_id 1..127. They also pass the node's own EMCY and heartbeat identifiers,
- * which a socket never receives from itself. */
+ * which a socket never receives from itself, and 700h, which is no node's heartbeat. */
 void node_filters(uint8_t node_id, can_socket_filter_t filters[NODE_FILTERS_COUNT]);
 
 #ifdef __cplusplus
