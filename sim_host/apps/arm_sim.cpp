@@ -108,10 +108,7 @@ class ArmProcess {
         hpmc_lcm::hand_wrench_t message{};
         message.utime = clock_.utime(period, 0);
         message.seq = period;
-        for (int i = 0; i < 2; ++i) {
-            message.wrench_N[i] = state.wrench_N[i];
-        }
-        std::copy(frames_sent_.begin(), frames_sent_.end(), message.frames_sent);
+        fill_hand_wrench(state, frames_sent_, message);
         sender_.publish("HAND_WRENCH", message);
         frames_sent_ = {};
     }

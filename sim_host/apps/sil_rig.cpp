@@ -61,10 +61,7 @@ void SilRig::publish_wrench(std::int64_t period, const ArmPlantState &state) {
     hpmc_lcm::hand_wrench_t message{};
     message.utime = clock_.utime(period, 0);
     message.seq = period;
-    for (int i = 0; i < 2; ++i) {
-        message.wrench_N[i] = state.wrench_N[i];
-    }
-    std::copy(frames_sent_.begin(), frames_sent_.end(), message.frames_sent);
+    fill_hand_wrench(state, frames_sent_, message);
     log("HAND_WRENCH", message);
     frames_sent_ = {};
 }

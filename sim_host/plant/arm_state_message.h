@@ -3,6 +3,10 @@
  */
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cstdint>
+
 #include "hpmc_lcm/arm_state_t.hpp"
 #include "hpmc_lcm/hand_wrench_t.hpp"
 #include "plant/arm_plant.h"
@@ -21,6 +25,15 @@ inline void fill_arm_state(const ArmPlantState &state, const Eigen::Vector3d &ta
         message.hand_m_s[i] = state.hand_m_s[i];
         message.wrench_N[i] = state.wrench_N[i];
     }
+}
+
+inline void fill_hand_wrench(const ArmPlantState &state,
+                             const std::array<std::int32_t, 3> &frames_sent,
+                             hpmc_lcm::hand_wrench_t &message) {
+    for (std::size_t i = 0; i < 2; ++i) {
+        message.wrench_N[i] = state.wrench_N[static_cast<Eigen::Index>(i)];
+    }
+    std::copy(frames_sent.begin(), frames_sent.end(), message.frames_sent);
 }
 
 } // namespace hpmc
