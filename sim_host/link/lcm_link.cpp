@@ -11,6 +11,7 @@ namespace {
 constexpr int kPoll_ms = 250; ///< a blocking receive looks at the stop flag this often
 constexpr int kReceiveBufferBytes = 4 << 20;
 constexpr std::size_t kMessageBytesMax = 1 << 16;
+constexpr std::size_t kLogBufferBytes = 1 << 20; ///< a write is dear in user-mode Linux
 
 } // namespace
 
@@ -76,6 +77,7 @@ LcmLogWriter::LcmLogWriter(const std::string &path)
     if (!log_) {
         throw LinkError(path + ": " + std::strerror(errno));
     }
+    std::setvbuf(log_->f, nullptr, _IOFBF, kLogBufferBytes);
 }
 
 void LcmLogWriter::write(const char *channel, std::int64_t utime, const void *data, int length) {
