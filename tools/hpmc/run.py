@@ -1,6 +1,7 @@
 """`./rig run`: an experiment from its configuration to logs, summary and figures."""
 
 import argparse
+import contextlib
 import datetime
 import json
 import math
@@ -15,7 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any, NoReturn, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -44,6 +45,7 @@ STATES_BYTES_JOINT_TICK = 181
 CANDUMP_BYTES = 315
 CANDUMP_BYTES_INJECTED = 455
 DISK_RESERVE_BYTES = 200 << 20
+WATCH_S = 0.2
 
 
 class RunError(RuntimeError):
@@ -283,29 +285,53 @@ def read_lines(stream: IO[str], on_line: Callable[[str], None]) -> None:
         on_line(line.rstrip("\n"))
 
 
-def wait_for(children: list[Child]) -> bool:
-    """Waits for all; passes Ctrl-C and SIGTERM on as SIGINT. True when interrupted."""
-    interrupted = False
-    previous = {
-        number: signal.signal(number, signal.default_int_handler)
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        while any(child.process.poll() is None for child in children):
-            try:
-                for child in children:
-                    child.wait()
-            except KeyboardInterrupt:
-                interrupted = True
-                for child in children:
-                    if child.process.poll() is None:
-                        child.process.send_signal(signal.SIGINT)
-    finally:
-        for number, handler in previous.items():
+class Watch:
+    """Waits for the processes of a run; Ctrl-C and SIGTERM are passed on to them as SIGINT.
+
+    To be entered before the first of them starts, so that none outlives an early Ctrl-C.
+    """
+
+    def __init__(self) -> None:
+        self.interrupted = False
+        self.failed: Child | None = None  # the first that ended badly
+        self.children: list[Child] = []
+
+    def __enter__(self) -> Self:
+        self.previous = {
+            number: signal.signal(number, self.on_signal)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self.previous.items():
             signal.signal(number, handler)
-    for child in children:
-        child.wait()
-    return interrupted
+
+    def on_signal(self, *_: object) -> None:
+        self.interrupted = True
+        self.stop()
+
+    def stop(self) -> None:
+        for child in self.children:
+            child.process.send_signal(signal.SIGINT)
+
+    def add(self, child: Child) -> None:
+        self.children.append(child)
+        if self.interrupted:
+            child.process.send_signal(signal.SIGINT)
+
+    def wait(self) -> None:
+        """Until all have ended; when one ends badly the others are stopped."""
+        while alive := [child for child in self.children if child.process.poll() is None]:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                alive[0].process.wait(WATCH_S)
+            if self.failed is None:
+                ended = [child for child in self.children if child.process.poll()]
+                self.failed = next(iter(ended), None)
+                if self.failed:
+                    self.stop()
+        for child in self.children:
+            child.wait()
 
 
 def spread(repetitions: int, jobs: int) -> list[tuple[int, int]]:
@@ -330,36 +356,32 @@ def run_sil(
 ) -> Outcome:
     parts = spread(configuration.repetitions, jobs)
     outcome = Outcome()
-    children: list[Child] = []
     began = time.monotonic()
-    for job, (first, count) in enumerate(parts):
-        log = folder / ("run.lcmlog" if len(parts) == 1 else f"run-{job:02d}.lcmlog")
-        outcome.logs.append(log)
-        children.append(
-            Child(
-                [
-                    str(PROGRAMS["sil"]),
-                    "--config",
-                    str(config_file),
-                    "--log",
-                    str(log),
-                    "--log-level",
-                    level,
-                    "--first-repetition",
-                    str(first),
-                    "--repetitions",
-                    str(count),
-                ],
-                line_reader(outcome, bar, job, first),
-            )
-        )
-    outcome.interrupted = wait_for(children)
+    with Watch() as watch:
+        for job, (first, count) in enumerate(parts):
+            log = folder / ("run.lcmlog" if len(parts) == 1 else f"run-{job:02d}.lcmlog")
+            outcome.logs.append(log)
+            command = [
+                str(PROGRAMS["sil"]),
+                "--config",
+                str(config_file),
+                "--log",
+                str(log),
+                "--log-level",
+                level,
+                "--first-repetition",
+                str(first),
+                "--repetitions",
+                str(count),
+            ]
+            watch.add(Child(command, line_reader(outcome, bar, job, first)))
+        watch.wait()
+    outcome.interrupted = watch.interrupted
     outcome.wall_s = time.monotonic() - began
-    for child in children:
-        if child.process.returncode != 0 and not outcome.interrupted and not outcome.reason:
-            outcome.reason = "; ".join(child.errors[-1:]) or describe_status(
-                child.process.returncode
-            )
+    if watch.failed:
+        outcome.reason = "; ".join(watch.failed.errors[-1:]) or describe_status(
+            watch.failed.process.returncode
+        )
     return outcome
 
 
@@ -442,8 +464,11 @@ def run_vcan(
             str(LAUNCHER),
             plan.name,
         ]
-        child = Child(command, on_line)
-        outcome.interrupted = wait_for([child])
+        with Watch() as watch:
+            child = Child(command, on_line)
+            watch.add(child)
+            watch.wait()
+        outcome.interrupted = watch.interrupted
     if not result:
         outcome.reason = " ".join(child.errors[-3:]) or (
             f"the vcan session ended with status {child.process.returncode}"
@@ -600,7 +625,3 @@ def main(argv: Sequence[str]) -> int:
     except RunError as error:
         print(f"rig run: {error}", file=sys.stderr)
         return EXIT_RUN_ENDED
-    except KeyboardInterrupt:
-        # During the run itself it is passed on to the processes, in wait_for.
-        print("rig run: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
