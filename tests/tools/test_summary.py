@@ -48,6 +48,7 @@ TARGET_KEYS = [
 ]
 FACTS = RunFacts(
     mode="sil",
+    numbers="fixed",
     seed=7,
     repetitions=1,
     simulated_s=17.25,

@@ -39,9 +39,8 @@ void tearDown(void) {}
 static float step_with(const torque_profile_t *profile, int32_t position_inc) {
     const float error_rad = ((float)target_inc - (float)position_inc) * 0.001f;
     const float limited_rad = error_rad > 0.5f ? 0.5f : error_rad < -0.5f ? -0.5f : error_rad;
-    const fic_input_t input = {.position_inc = position_inc,
-                               .error_rad = angle_of(limited_rad),
-                               .elapsed_us = TICK_us};
+    const fic_input_t input = {
+        .position_inc = position_inc, .error_rad = angle_of(limited_rad), .elapsed_us = TICK_us};
     return in_Nm(fic_step(&config, profile, &input, &fic));
 }
 
