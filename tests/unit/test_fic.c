@@ -195,6 +195,17 @@ void test_upward_reversal_of_direction(void) {
     TEST_ASSERT_EQUAL_INT32(-17, fic.extreme_inc);
 }
 
+void test_motion_of_delta_or_less_is_no_reversal_upward(void) {
+    config.delta_inc256 = 3 * 256;
+    swing_out(-1);
+    (void)step(-17);
+    TEST_ASSERT_EQUAL_INT8(-1, fic.direction);
+    TEST_ASSERT_FALSE(fic.converging);
+    (void)step(-16);
+    TEST_ASSERT_EQUAL_INT8(1, fic.direction);
+    TEST_ASSERT_TRUE(fic.converging);
+}
+
 void test_first_motion_upward_has_no_direction_until_it_turns(void) {
     for (int32_t q = -20; q < -10; q++) {
         if (q == -20) {
