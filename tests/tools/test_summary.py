@@ -22,6 +22,7 @@ from hpmc.summary import (
 
 KEYS = {
     "mode": None,
+    "numbers": None,
     "repetitions": None,
     "reaches": None,
     "seed": None,

@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "vectors"))
 
 import joint_vectors as vectors  # noqa: E402
+
 from hpmc.reference import Output, guard, profile  # noqa: E402
 
 # Of what goes in. Another digest means other vectors: a changed generator, or another stream of

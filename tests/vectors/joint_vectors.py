@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
 from hpmc.reference import Command, Floats, Integers, JointReference, Parameters, guard
 
 SEED = 20210501
