@@ -6,7 +6,7 @@ void fic_reset(int32_t position_inc, fic_t *fic) {
 }
 
 static bool moved_back(const fic_config_t *config, int32_t from_inc, int32_t to_inc) {
-    return ((int64_t)from_inc - to_inc) * 256 > config->delta_inc256;
+    return ((int64_t)from_inc - to_inc) * 256 > (int64_t)config->delta_inc256;
 }
 
 static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t *input,
@@ -38,7 +38,10 @@ static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t 
     if (fic->age_us <= config->stall_time_us) { /* stays a little beyond, never wraps */
         fic->age_us += input->elapsed_us;
     }
-    return fic->age_us > config->stall_time_us ? 0 : fic->direction;
+    if (fic->age_us > config->stall_time_us) {
+        return 0;
+    }
+    return fic->direction;
 }
 
 static void latch(angle_t a, torque_t f, fic_t *fic) {

@@ -38,7 +38,7 @@ static inline uint64_t number_size(int64_t value) {
 /** +-dividend / divisor. dividend <= 2^63, 0 < divisor < 2^63 */
 static inline int32_t number_ratio(bool negative, uint64_t dividend, uint64_t divisor) {
     const uint64_t ratio = (dividend + divisor / 2U) / divisor;
-    const int64_t size = ratio < INT32_MAX ? (int64_t)ratio : INT32_MAX;
+    const int64_t size = ratio < (uint64_t)INT32_MAX ? (int64_t)ratio : INT32_MAX;
     return (int32_t)(negative ? -size : size);
 }
 

@@ -24,19 +24,16 @@ typedef struct {
 
 /** increments_per_revolution 256..2^24, parts 1..256 */
 static inline angle_scale_t angle_scale(uint32_t increments_per_revolution, uint32_t parts) {
+    const uint64_t steps = (uint64_t)increments_per_revolution * parts;
     const angle_scale_t scale = {.limit_steps = angle_limit_steps(increments_per_revolution, parts),
-                                 .step_rad = 6.2831853f /
-                                             (float)((uint64_t)increments_per_revolution * parts)};
+                                 .step_rad = 6.2831853f / (float)steps};
     return scale;
 }
 
 static inline angle_t angle_from_steps(const angle_scale_t *scale, int64_t steps) {
-    if (steps > scale->limit_steps) {
-        steps = scale->limit_steps;
-    } else if (steps < -(int64_t)scale->limit_steps) {
-        steps = -(int64_t)scale->limit_steps;
-    }
-    return (float)(int32_t)steps * scale->step_rad;
+    const int32_t limit = scale->limit_steps;
+    const int64_t kept = steps > limit ? limit : steps < -limit ? -limit : steps;
+    return (float)(int32_t)kept * scale->step_rad;
 }
 
 /** step * part / whole, with whole > 0. */
@@ -62,7 +59,8 @@ static inline angle_t angle_abs(angle_t angle) {
 
 /** torque_mNm / parts, as a torque. |torque_mNm| below 2^24 is exact before the division. */
 static inline torque_t torque_from_mNm(int32_t torque_mNm, uint32_t parts) {
-    return (float)torque_mNm / (float)(1000U * parts);
+    const uint32_t parts_per_Nm = 1000U * parts;
+    return (float)torque_mNm / (float)parts_per_Nm;
 }
 
 /** torque * numerator / denominator; exactly torque where both are equal. denominator > 0 */
