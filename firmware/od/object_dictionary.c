@@ -175,7 +175,7 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->manufacturer_device_name = "FIC motor node";
     od->manufacturer_hardware_version = "none";
     od->manufacturer_software_version = "0.1.0+" OD_PROTOCOL_HASH_TEXT;
-    od->store_parameters_save_all_parameters = 0U;
+    od->store_parameters_save_all_parameters = 1U;
     od->restore_default_parameters_restore_all_default_parameters = 1U;
     od->cob_id_emcy = 128U + node_id;
     od->inhibit_time_emcy = 10U;

@@ -12,8 +12,8 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x9040BDC1U
-#define OD_PROTOCOL_HASH_TEXT "9040bdc1"
+#define OD_PROTOCOL_HASH 0xB03B2FB4U
+#define OD_PROTOCOL_HASH_TEXT "b03b2fb4"
 
 #define OD_ENTRY_COUNT 150U
 

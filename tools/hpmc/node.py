@@ -53,17 +53,23 @@ def not_below(low: float) -> Callable[[str], float]:
     return parse
 
 
+def node_id(text: str) -> int:
+    return 255 if text == "255" else whole(1, 127)(text)
+
+
 def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="./rig node", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )  # fmt: skip
-    parser.add_argument("--id", type=whole(1, 127), required=True, metavar="N",
-                        help="node-id, 1 to 127")  # fmt: skip
+    parser.add_argument("--id", type=node_id, required=True, metavar="N",
+                        help="node-id, 1 to 127, or 255: none until LSS gives one")  # fmt: skip
     parser.add_argument("--can", default="vcan0", metavar="IFACE",
                         help="CAN interface (%(default)s)")  # fmt: skip
     parser.add_argument("--serial", type=whole(1, 0xFFFFFFFF), metavar="N",
                         help="serial number, object 1018h:04 (the node-id)")  # fmt: skip
+    parser.add_argument("--parameters", metavar="FILE",
+                        help="memory of 1010h and LSS store; none when left out")  # fmt: skip
     parser.add_argument("--referenced", action="store_true",
                         help="the encoder is absolute: no homing is needed")  # fmt: skip
     parser.add_argument("--temperature-dC", type=whole(-2730, 32767), default=250, metavar="N",

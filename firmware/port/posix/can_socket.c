@@ -58,6 +58,12 @@ bool can_socket_open(can_socket_t *can, const char *interface, const can_socket_
     return ok;
 }
 
+bool can_socket_set_filters(can_socket_t *can, const can_socket_filter_t *filters,
+                            size_t filter_count)
+{
+    return set_filters(can->fd, filters, filter_count);
+}
+
 void can_socket_close(can_socket_t *can)
 {
     if (can->fd >= 0) {

@@ -10,6 +10,7 @@
 #include "node/motor_node.h"
 #include "port/posix/can_socket.h"
 #include "port/posix/node_filters.h"
+#include "port/posix/parameter_file.h"
 #include "port/posix/stop_signal.h"
 #include "port/posix/tick_schedule.h"
 
@@ -18,8 +19,11 @@ enum { EXIT_RUN_ENDED = 3, ELAPSED_MAX_us = 1000000 };
 typedef struct {
     const free_running_options_t *options;
     can_socket_t can;
+    parameter_file_t file;
+    parameter_memory_t memory;
     motor_node_config_t config;
     motor_node_t node;
+    uint8_t filtered_id; /* that the socket's filters are made for */
     simulated_joint_t joint;
     double torque_Nm; /* held since the last tick */
     tick_schedule_t schedule;
@@ -41,6 +45,16 @@ static uint32_t elapse(int64_t now, device_t *device) {
     return elapsed_us < ELAPSED_MAX_us ? (uint32_t)elapsed_us : ELAPSED_MAX_us;
 }
 
+static bool follow_node_id(device_t *device) {
+    can_socket_filter_t filters[NODE_FILTERS_COUNT];
+    if (device->filtered_id == device->node.node_id) {
+        return true;
+    }
+    device->filtered_id = device->node.node_id;
+    node_filters(device->filtered_id, filters);
+    return can_socket_set_filters(&device->can, filters, NODE_FILTERS_COUNT);
+}
+
 static bool tick(int64_t now, device_t *device) {
     const free_running_options_t *options = device->options;
     const uint32_t elapsed_us = elapse(now, device);
@@ -60,8 +74,9 @@ static bool tick(int64_t now, device_t *device) {
         motor_node_init(&device->config, &device->node);
     }
     /* A bus that takes no frames loses them, as a controller does whose mailboxes stay full. */
-    return can_socket_send(&device->can, output.frames, output.frame_count, 0) ||
-           errno == ETIMEDOUT;
+    return follow_node_id(device) &&
+           (can_socket_send(&device->can, output.frames, output.frame_count, 0) ||
+            errno == ETIMEDOUT);
 }
 
 /** Takes in what the bus has; each SYNC is a tick of its own. */
@@ -110,6 +125,12 @@ static bool run(device_t *device) {
     return true;
 }
 
+static int fail(const device_t *device, const char *what) {
+    (void)fprintf(stderr, "motor_node %u: %s: %s\n", (unsigned)device->options->node_id, what,
+                  strerror(errno));
+    return EXIT_RUN_ENDED;
+}
+
 int free_running(const free_running_options_t *options) {
     static device_t device;
     can_socket_filter_t filters[NODE_FILTERS_COUNT];
@@ -120,19 +141,21 @@ int free_running(const free_running_options_t *options) {
                    .referenced = options->referenced},
         .last_tick_us = now_ns() / 1000,
     };
-    node_filters(options->node_id, filters);
-    bool ok = can_socket_open(&device.can, options->can, filters, NODE_FILTERS_COUNT);
-    if (ok) {
-        motor_node_init(&device.config, &device.node);
-        tick_schedule_start(now_ns(), &device.schedule);
-        (void)puts("READY");
-        (void)fflush(stdout);
-        ok = run(&device);
+    if (options->parameters != NULL) {
+        if (!parameter_file_open(options->parameters, &device.file)) {
+            return fail(&device, options->parameters);
+        }
+        device.memory = parameter_file_memory(&device.file);
+        device.config.memory = &device.memory;
     }
-    if (!ok) {
-        (void)fprintf(stderr, "motor_node %u: %s: %s\n", (unsigned)options->node_id, options->can,
-                      strerror(errno));
+    motor_node_init(&device.config, &device.node);
+    device.filtered_id = device.node.node_id;
+    node_filters(device.filtered_id, filters);
+    if (!can_socket_open(&device.can, options->can, filters, NODE_FILTERS_COUNT)) {
+        return fail(&device, options->can);
     }
-    can_socket_close(&device.can);
-    return ok ? 0 : EXIT_RUN_ENDED;
+    tick_schedule_start(now_ns(), &device.schedule);
+    (void)puts("READY");
+    (void)fflush(stdout);
+    return run(&device) ? 0 : fail(&device, options->can);
 }

@@ -11,8 +11,10 @@
 #include "port/posix/simulated_joint.h"
 
 typedef struct {
-    uint8_t node_id;
+    uint8_t node_id; /**< 1..127, or 255: none until LSS gives one */
     uint32_t serial_number;
+    const char
+        *parameters; /**< file that stands for the non-volatile memory; NULL: there is none */
     bool referenced; /**< an absolute encoder: mode -1 needs no homing */
     const char *can; /**< name of the interface */
     int16_t temperature_dC;

@@ -100,6 +100,7 @@ static bool parse_options(int argc, char **argv, options_t *o)
         {"stall-timeout-ms", required_argument, NULL, 's'},
         {"free-running", no_argument, NULL, 'f'},
         {"serial", required_argument, NULL, 'S'},
+        {"parameters", required_argument, NULL, 'P'},
         {"referenced", no_argument, NULL, 'R'},
         {"temperature-dC", required_argument, NULL, 'T'},
         {"inertia", required_argument, NULL, 'I'},
@@ -128,7 +129,7 @@ static bool parse_options(int argc, char **argv, options_t *o)
     int key;
     while (ok && (key = getopt_long(argc, argv, "", table, NULL)) != -1) {
         switch (key) {
-        case 'i': ok = parse_long(optarg, 1, NODE_ID_MAX, "id", &o->node_id); break;
+        case 'i': ok = parse_long(optarg, 1, LSS_UNCONFIGURED, "id", &o->node_id); break;
         case 'c': o->can = optarg; break;
         case 'p': o->plant_url = optarg; break;
         case 'j': ok = parse_long(optarg, 1, 10, "joint-ticks", &o->joint_ticks); break;
@@ -141,6 +142,7 @@ static bool parse_options(int argc, char **argv, options_t *o)
             break;
         case 'f': o->free_running = true; break;
         case 'S': ok = parse_long(optarg, 0, UINT32_MAX, "serial", &serial); break;
+        case 'P': o->alone.parameters = optarg; break;
         case 'R': o->alone.referenced = true; break;
         case 'T':
             ok = parse_long(optarg, -2730, 32767, "temperature-dC", &temperature_dC);
@@ -156,12 +158,13 @@ static bool parse_options(int argc, char **argv, options_t *o)
         }
     }
     const long highest_id = o->free_running ? NODE_ID_MAX : JOINT_COUNT;
-    if (ok && (o->node_id == 0 || o->node_id > highest_id || optind != argc)) {
+    const bool unconfigured = o->free_running && o->node_id == LSS_UNCONFIGURED;
+    if (ok && (o->node_id == 0 || (o->node_id > highest_id && !unconfigured) || optind != argc)) {
         (void)fprintf(stderr, "usage: motor_node --id 1|2|3 [--can IF] [--plant-url URL] "
                               "[--joint-ticks N] [--increments-per-revolution N] "
                               "[--stall-timeout-ms N]\n"
-                              "       motor_node --id 1..127 --free-running [--can IF] [--serial N] "
-                              "[--referenced] [--temperature-dC N] [--inertia X] "
+                              "       motor_node --id 1..127|255 --free-running [--can IF] [--serial N] "
+                              "[--parameters FILE] [--referenced] [--temperature-dC N] [--inertia X] "
                               "[--viscous-friction X] [--coulomb-friction X] "
                               "[--torque-constant X] [--index-rad X]\n");
         ok = false;

@@ -28,7 +28,7 @@ NO_DATA = 0x08000024
 NUMBERS = {2: "<b", 3: "<h", 4: "<i", 5: "<B", 6: "<H", 7: "<I"}
 STRING = 9
 # Values differ from the data sheet's from the moment of power-on.
-LIVE = {0x1001, 0x1018, 0x2200, 0x2202, 0x6041, 0x6064, 0x100A}
+LIVE = {0x1001, 0x100A, 0x1010, 0x1018, 0x2200, 0x2202, 0x6041, 0x6064}
 # Commands and other objects whose values have rules of their own: tested one by one below.
 OWN_RULES = {0x1003, 0x1010, 0x1011, 0x1016, 0x1019, 0x1028, 0x605A, 0x6060, 0x607D}
 
