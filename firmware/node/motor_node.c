@@ -9,6 +9,7 @@
 
 #define FUNCTION_CODE 0x780U
 #define NODE_ID 0x07FU
+#define INJECTED_INDEX 0x01U
 
 bool motor_node_accepts(uint8_t node_id, uint16_t cob_id) {
     if (node_id == LSS_UNCONFIGURED) {
@@ -416,6 +417,9 @@ static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) 
         return;
     }
     const int32_t encoder = injected ? od->injected_sensors_position : input->position_inc;
+    node->index_seen =
+        injected ? (od->injected_sensors_flags & INJECTED_INDEX) != 0U : input->index_seen;
+    node->index_encoder_inc = injected ? encoder : input->index_position_inc;
     const int64_t position = (int64_t)encoder + node->offset_inc;
     od->position_actual_value = position > INT32_MAX   ? INT32_MAX
                                 : position < INT32_MIN ? INT32_MIN

@@ -27,6 +27,7 @@
 #include "canopen/sdo_server.h"
 #include "canopen/sync.h"
 #include "cia402/drive_state.h"
+#include "cia402/homing.h"
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
 #include "node/parameter_store.h"
@@ -46,11 +47,13 @@ typedef struct {
 } motor_node_config_t;
 
 typedef struct {
-    uint32_t elapsed_us;       /**< node time since the last step, 0..1000000 */
-    int32_t position_inc;      /**< encoder, used unless 2F00h says injected */
-    int16_t temperature_dC;    /**< 0.1 degree Celsius, used unless injected */
-    const can_frame_t *frames; /**< in order of arrival; may be NULL when frame_count is 0 */
-    size_t frame_count;        /**< 0..MOTOR_NODE_RX_MAX */
+    uint32_t elapsed_us;        /**< node time since the last step, 0..1000000 */
+    int32_t position_inc;       /**< encoder, used unless 2F00h says injected */
+    int16_t temperature_dC;     /**< 0.1 degree Celsius, used unless injected */
+    bool index_seen;            /**< the encoder's index pulse has passed since the last step */
+    int32_t index_position_inc; /**< of the encoder, captured at the pulse */
+    const can_frame_t *frames;  /**< in order of arrival; may be NULL when frame_count is 0 */
+    size_t frame_count;         /**< 0..MOTOR_NODE_RX_MAX */
 } motor_node_input_t;
 
 typedef struct {
@@ -109,6 +112,10 @@ typedef struct {
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */
+    bool index_seen;            /**< in this step */
+    int32_t index_encoder_inc;
+    homing_t homing;
+    bool moving; /**< by at least an increment in the last interval of the speed */
     bool outside_limits;
     int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
     uint32_t speed_since_us;

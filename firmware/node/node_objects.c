@@ -75,6 +75,8 @@ static sdo_abort_t check(const object_dictionary_t *od, const od_entry_t *entry,
     case OD_MODES_OF_OPERATION:
         return value != MODE_NONE && !node_drive_has_mode((int8_t)(uint8_t)value) ? SDO_ABORT_RANGE
                                                                                   : SDO_ABORT_NONE;
+    case OD_HOMING_METHOD:
+        return value == 35U || value == 36U ? SDO_ABORT_RANGE : SDO_ABORT_NONE;
     case OD_SOFTWARE_POSITION_LIMIT:
         return check_position_limit(od, entry->subindex, (int32_t)value);
     default:

@@ -64,6 +64,8 @@ static bool tick(int64_t now, device_t *device) {
         .elapsed_us = elapsed_us,
         .position_inc = simulated_joint_position_inc(&options->joint, &device->joint),
         .temperature_dC = options->temperature_dC,
+        .index_seen = device->joint.index_seen,
+        .index_position_inc = device->joint.index_position_inc,
         .frames = device->frames,
         .frame_count = device->frame_count,
     };

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 import canopen
-from conftest import until
+import pytest
+from conftest import Bench, until
 
 NOT_REFERENCED = 0x0100
 CONVERGENCE = 0x4000
@@ -77,3 +78,29 @@ def test_mode_minus_1_follows_a_command(drive: canopen.BaseNode402) -> None:
     command["Target position"].raw = here + 400
     until(lambda: abs(drive.tpdo[1]["Position actual value"].raw - here - 400) < 90)
     assert drive.emcy.log == []
+
+
+@pytest.mark.parametrize(("method", "index_rad"), [(34, 0.3), (33, -0.3)])
+def test_homing_finds_the_index_pulse(
+    bench: Bench, drive: canopen.BaseNode402, method: int, index_rad: float
+) -> None:
+    bench.stop()
+    bench.start(5, "--index-rad", str(index_rad))
+    drive.nmt.wait_for_bootup(1.0)
+    drive.sdo[0x1400][5].raw = 200
+    drive.nmt.state = "OPERATIONAL"
+    drive.sdo[0x6098].raw = method
+    drive.sdo[0x607C].raw = 1000
+    assert drive.homing(timeout=5.0)
+    until(lambda: drive.sdo[0x6041].raw & 0x3400 == 0x1400)
+    assert abs(drive.sdo[0x6064].raw - 1000) < 200  # stopped just behind the index
+    assert drive.sdo[0x6041].raw & REFERENCED
+    assert drive.emcy.log == []
+
+
+def test_homing_without_an_index_pulse_fails(drive: canopen.BaseNode402) -> None:
+    drive.sdo[0x6098].raw = 33
+    drive.sdo[0x2104][2].raw = 100
+    assert not drive.homing(timeout=2.0)
+    assert drive.sdo[0x6041].raw & 0x2000
+    assert drive.sdo[0x6041].raw & REFERENCED == 0

@@ -30,7 +30,7 @@ STRING = 9
 # Values differ from the data sheet's from the moment of power-on.
 LIVE = {0x1001, 0x100A, 0x1010, 0x1018, 0x2200, 0x2202, 0x6041, 0x6064}
 # Commands and other objects whose values have rules of their own: tested one by one below.
-OWN_RULES = {0x1003, 0x1010, 0x1011, 0x1016, 0x1019, 0x1028, 0x605A, 0x6060, 0x607D}
+OWN_RULES = {0x1003, 0x1010, 0x1011, 0x1016, 0x1019, 0x1028, 0x605A, 0x6060, 0x607D, 0x6098}
 
 
 def variables() -> list[ODVariable]:
@@ -237,3 +237,9 @@ def test_position_limits_must_not_cross(node: canopen.BaseNode402) -> None:
     assert abort(node, 0x607D, 1, struct.pack("<i", 1001)) == RANGE
     assert abort(node, 0x607D, 1, struct.pack("<i", 1000)) == 0
     assert abort(node, 0x607D, 2, struct.pack("<i", 999)) == RANGE
+
+
+def test_homing_methods(node: canopen.BaseNode402) -> None:
+    for value, code in ((32, TOO_LOW), (33, 0), (34, 0), (35, RANGE), (36, RANGE), (37, 0),
+                        (38, TOO_HIGH)):  # fmt: skip
+        assert abort(node, 0x6098, 0, struct.pack("<b", value)) == code, value
