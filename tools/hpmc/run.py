@@ -346,7 +346,8 @@ def write_results(options: argparse.Namespace, configuration: Configuration, out
              if "load_typical_percent" in entry]
     simulated_s = configuration.repetitions * configuration.periods_per_repetition * SYNC_PERIOD_S
     facts = RunFacts(
-        mode=options.mode, numbers=NUMBERS, seed=configuration.seed, repetitions=configuration.repetitions,
+        mode=options.mode, numbers=NUMBERS,
+        seed=configuration.seed, repetitions=configuration.repetitions,
         simulated_s=simulated_s, wall_s=outcome.wall_s,
         bus=BusFacts(
             frames=total(outcome.stats, "frames"),
