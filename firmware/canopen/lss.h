@@ -40,6 +40,7 @@ void lss_init(uint8_t node_id, lss_t *lss);
 lss_action_t lss_receive(const uint32_t identity[LSS_IDENTITY_PARTS], uint8_t node_id,
                          const can_frame_t *request, lss_t *lss, can_frame_t *response);
 
+/** Answer to LSS_STORE. stored = false: error 2, the medium cannot be accessed. */
 can_frame_t lss_store_response(bool stored);
 
 #endif

@@ -32,11 +32,11 @@ void homing_step(const homing_config_t *config, int32_t position_inc, uint32_t e
     const int64_t way = (int64_t)(moved / MICRO);
     homing->rest = (uint32_t)(moved % MICRO);
     if (config->method == HOMING_INDEX_NEGATIVE) {
-        const int64_t furthest = (int64_t)position_inc - config->lead_inc;
+        const int64_t furthest = (int64_t)position_inc - (int64_t)config->lead_inc;
         const int64_t target = homing->target_inc - way;
         homing->target_inc = saturate(target < furthest ? furthest : target);
     } else {
-        const int64_t furthest = (int64_t)position_inc + config->lead_inc;
+        const int64_t furthest = (int64_t)position_inc + (int64_t)config->lead_inc;
         const int64_t target = homing->target_inc + way;
         homing->target_inc = saturate(target > furthest ? furthest : target);
     }

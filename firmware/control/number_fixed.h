@@ -27,10 +27,12 @@ typedef struct {
     angle_step_t step_rad;
 } angle_scale_t;
 
+/** At most INT32_MAX in size. */
 static inline int32_t number_saturated(int64_t value) {
     return (int32_t)(value > INT32_MAX ? INT32_MAX : value < -INT32_MAX ? -INT32_MAX : value);
 }
 
+/** |value|; value > INT64_MIN */
 static inline uint64_t number_size(int64_t value) {
     return (uint64_t)(value < 0 ? -value : value);
 }
@@ -52,6 +54,7 @@ static inline angle_scale_t angle_scale(uint32_t increments_per_revolution, uint
     return scale;
 }
 
+/** Steps of 1/parts increment as an angle, saturated to +-0.5 rad. */
 static inline angle_t angle_from_steps(const angle_scale_t *scale, int64_t steps) {
     const int32_t limit = scale->limit_steps;
     const int64_t kept = steps > limit ? limit : steps < -limit ? -limit : steps;
@@ -65,18 +68,22 @@ static inline angle_t angle_part(angle_step_t step_rad, uint16_t part, uint16_t 
     return number_ratio(false, step_2p45 * part, (uint64_t)whole << 16);
 }
 
+/** 0..3999999 urad exactly rounded, more saturates. */
 static inline angle_t angle_from_urad(uint32_t angle_urad) {
     return number_ratio(false, (uint64_t)angle_urad << 29, 1000000U);
 }
 
+/** a + b */
 static inline angle_t angle_sum(angle_t a, angle_t b) {
     return number_saturated((int64_t)a + b);
 }
 
+/** a - b */
 static inline angle_t angle_difference(angle_t a, angle_t b) {
     return number_saturated((int64_t)a - b);
 }
 
+/** |angle| */
 static inline angle_t angle_abs(angle_t angle) {
     return number_saturated(angle < 0 ? -(int64_t)angle : angle);
 }
@@ -97,26 +104,32 @@ static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whol
     return number_ratio(torque < 0, number_size(torque) * part, whole);
 }
 
+/** a + b */
 static inline torque_t torque_sum(torque_t a, torque_t b) {
     return number_saturated((int64_t)a + b);
 }
 
+/** a - b */
 static inline torque_t torque_difference(torque_t a, torque_t b) {
     return number_saturated((int64_t)a - b);
 }
 
+/** -torque */
 static inline torque_t torque_negated(torque_t torque) {
     return number_saturated(-(int64_t)torque);
 }
 
+/** |torque| */
 static inline torque_t torque_abs(torque_t torque) {
     return torque < 0 ? torque_negated(torque) : torque;
 }
 
+/** The lesser one. */
 static inline torque_t torque_min(torque_t a, torque_t b) {
     return a < b ? a : b;
 }
 
+/** The greater one. */
 static inline torque_t torque_max(torque_t a, torque_t b) {
     return a > b ? a : b;
 }
@@ -132,6 +145,7 @@ static inline bool torque_is_number(torque_t torque) {
     return true;
 }
 
+/** Whole mN m, rounded half away from zero, saturated to +-32767. */
 static inline int16_t torque_to_mNm(torque_t torque) {
     const int32_t torque_mNm =
         number_ratio(torque < 0, number_size(torque) * 1000U, (uint64_t)1 << 16);

@@ -30,6 +30,7 @@ static inline angle_scale_t angle_scale(uint32_t increments_per_revolution, uint
     return scale;
 }
 
+/** Steps of 1/parts increment as an angle, saturated to +-0.5 rad. */
 static inline angle_t angle_from_steps(const angle_scale_t *scale, int64_t steps) {
     const int32_t limit = scale->limit_steps;
     const int64_t kept = steps > limit ? limit : steps < -limit ? -limit : steps;
@@ -41,18 +42,22 @@ static inline angle_t angle_part(angle_step_t step_rad, uint16_t part, uint16_t 
     return step_rad * (float)part / (float)whole;
 }
 
+/** Any angle in urad. */
 static inline angle_t angle_from_urad(uint32_t angle_urad) {
     return (float)angle_urad * 1e-6f;
 }
 
+/** a + b */
 static inline angle_t angle_sum(angle_t a, angle_t b) {
     return a + b;
 }
 
+/** a - b */
 static inline angle_t angle_difference(angle_t a, angle_t b) {
     return a - b;
 }
 
+/** |angle| */
 static inline angle_t angle_abs(angle_t angle) {
     return angle < 0.0f ? -angle : angle;
 }
@@ -73,26 +78,32 @@ static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whol
     return torque * ((float)part / (float)whole);
 }
 
+/** a + b */
 static inline torque_t torque_sum(torque_t a, torque_t b) {
     return a + b;
 }
 
+/** a - b */
 static inline torque_t torque_difference(torque_t a, torque_t b) {
     return a - b;
 }
 
+/** -torque */
 static inline torque_t torque_negated(torque_t torque) {
     return -torque;
 }
 
+/** |torque| */
 static inline torque_t torque_abs(torque_t torque) {
     return torque < 0.0f ? -torque : torque;
 }
 
+/** The lesser one. */
 static inline torque_t torque_min(torque_t a, torque_t b) {
     return a < b ? a : b;
 }
 
+/** The greater one. */
 static inline torque_t torque_max(torque_t a, torque_t b) {
     return a > b ? a : b;
 }
@@ -102,10 +113,12 @@ static inline torque_t torque_clamp(torque_t torque, torque_t bound) {
     return torque > bound ? bound : torque < -bound ? -bound : torque;
 }
 
+/** False for NaN. */
 static inline bool torque_is_number(torque_t torque) {
     return torque == torque;
 }
 
+/** Whole mN m, rounded half away from zero, saturated to +-32767; NaN is 0. */
 static inline int16_t torque_to_mNm(torque_t torque) {
     const float scaled = torque * 1000.0f;
     if (!torque_is_number(scaled)) {

@@ -402,6 +402,7 @@ static bool receive_all(const motor_node_config_t *config, const motor_node_inpu
     const size_t count =
         input->frame_count < MOTOR_NODE_RX_MAX ? input->frame_count : MOTOR_NODE_RX_MAX;
     node_count(&node->od.counters_frames_not_read, (uint32_t)(input->frame_count - count));
+    /* cppcheck-suppress knownConditionTrueFalse ; it takes a count of 0 for the only one */
     for (size_t i = 0; i < count && !node->reset_requested; i++) {
         sync = receive(config, &input->frames[i], node) || sync;
     }
@@ -424,7 +425,10 @@ static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) 
     od->position_actual_value = position > INT32_MAX   ? INT32_MAX
                                 : position < INT32_MIN ? INT32_MIN
                                                        : (int32_t)position;
-    od->motor_temperature = injected ? od->injected_sensors_temperature : input->temperature_dC;
+    od->motor_temperature = input->temperature_dC;
+    if (injected) {
+        od->motor_temperature = od->injected_sensors_temperature;
+    }
 }
 
 static void send_tpdo2(uint32_t elapsed_us, motor_node_t *node) {

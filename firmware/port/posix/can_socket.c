@@ -145,6 +145,7 @@ size_t can_socket_receive(can_socket_t *can, can_frame_t *frames, size_t count, 
             continue;
         }
         for (int i = 0; i < n; ++i) {
+            /* cppcheck-suppress uninitvar ; recvmmsg has filled it through parts[i] */
             if ((raw[i].can_id & CAN_ERR_FLAG) != 0U) {
                 can->error_frames++;
                 continue;
