@@ -18,7 +18,7 @@ typedef struct {
     double coulomb_Nm;           /**< >= 0 */
     double torque_constant_Nm_A; /**< > 0 */
     double index_rad;            /**< of the index pulse, and one each revolution from there */
-    uint32_t increments_per_revolution;
+    uint32_t increments_per_revolution; /**< of the encoder, 256..2^24 */
 } simulated_joint_config_t;
 
 typedef struct {
@@ -32,6 +32,7 @@ typedef struct {
 void simulated_joint_advance(const simulated_joint_config_t *config, double torque_Nm,
                              uint32_t elapsed_us, simulated_joint_t *joint);
 
+/** What an incremental encoder counts: the nearest increment since power-on, saturated. */
 int32_t simulated_joint_position_inc(const simulated_joint_config_t *config,
                                      const simulated_joint_t *joint);
 

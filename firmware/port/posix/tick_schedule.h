@@ -20,12 +20,13 @@ typedef struct {
     uint8_t ticks;     /**< since the last SYNC, itself included */
 } tick_schedule_t;
 
+/** Begins without SYNC: the first tick is due at once. */
 void tick_schedule_start(int64_t now_ns, tick_schedule_t *schedule);
 
 /** A SYNC has come: its tick is taken now. joint_ticks: J, 1..10. */
 void tick_schedule_sync(int64_t now_ns, uint8_t joint_ticks, tick_schedule_t *schedule);
 
-/** The tick that was due at next_ns is taken. */
+/** The tick that was due at next_ns is taken. joint_ticks: J, 1..10. */
 void tick_schedule_tick(int64_t now_ns, uint8_t joint_ticks, tick_schedule_t *schedule);
 
 #endif
