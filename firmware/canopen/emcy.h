@@ -44,6 +44,7 @@ typedef struct {
     uint32_t since_us; /**< since the last frame went out */
 } emcy_t;
 
+/** Nothing to send; the first emergency need not wait for the inhibit time. */
 void emcy_init(emcy_t *emcy);
 
 /** Reports an error that lasts: its register bits stay until emcy_clear. */

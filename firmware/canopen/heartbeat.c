@@ -21,14 +21,14 @@ bool heartbeat_due(uint16_t time_ms, uint32_t elapsed_us, heartbeat_producer_t *
 }
 
 can_frame_t heartbeat_frame(uint8_t node_id, nmt_state_t state) {
-    const can_frame_t frame = {
-        .id = (uint16_t)(HEARTBEAT_COB_ID + node_id), .len = 1, .data = {(uint8_t)state}};
+    can_frame_t frame = {.id = (uint16_t)(HEARTBEAT_COB_ID + node_id), .len = 1};
+    frame.data[0] = (uint8_t)state;
     return frame;
 }
 
 void heartbeat_receive(const uint32_t times[HEARTBEAT_CONSUMERS], const can_frame_t *frame,
                        heartbeat_consumer_t *consumer) {
-    if (frame->len != 1U || frame->data[0] == NMT_BOOT_UP) {
+    if (frame->len != 1U || frame->data[0] == (uint8_t)NMT_BOOT_UP) {
         return;
     }
     for (size_t i = 0; i < HEARTBEAT_CONSUMERS; i++) {

@@ -7,11 +7,12 @@
 
 #include <stdint.h>
 
+/** time_us + elapsed_us, at most UINT32_MAX. */
 static inline uint32_t node_time_add(uint32_t time_us, uint32_t elapsed_us) {
     return elapsed_us > UINT32_MAX - time_us ? UINT32_MAX : time_us + elapsed_us;
 }
 
-/** Counters of object 2201h saturate as well. */
+/** Adds to a counter of object 2201h, which saturates as well. */
 static inline void node_count(uint16_t *counter, uint32_t events) {
     const uint32_t sum = node_time_add(*counter, events);
     *counter = sum > UINT16_MAX ? UINT16_MAX : (uint16_t)sum;

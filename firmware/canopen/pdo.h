@@ -23,6 +23,7 @@ typedef struct {
     bool report; /**< first one with this fault since a good one: error 8210h or 8220h */
 } rpdo_result_t;
 
+/** Takes in one frame of an RPDO that maps length bytes, 0..8. */
 rpdo_result_t rpdo_receive(uint8_t length, const can_frame_t *frame, rpdo_t *rpdo);
 
 typedef struct {

@@ -6,7 +6,7 @@ void fic_reset(int32_t position_inc, fic_t *fic) {
 }
 
 static bool moved_back(const fic_config_t *config, int32_t from_inc, int32_t to_inc) {
-    return ((int64_t)from_inc - to_inc) * 256 > config->delta_inc256;
+    return ((int64_t)from_inc - to_inc) * 256 > (int64_t)config->delta_inc256;
 }
 
 static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t *input,
@@ -38,7 +38,10 @@ static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t 
     if (fic->age_us <= config->stall_time_us) { /* stays a little beyond, never wraps */
         fic->age_us += input->elapsed_us;
     }
-    return fic->age_us > config->stall_time_us ? 0 : fic->direction;
+    if (fic->age_us > config->stall_time_us) {
+        return 0;
+    }
+    return fic->direction;
 }
 
 static void latch(angle_t a, torque_t f, fic_t *fic) {
@@ -50,7 +53,7 @@ static void phase_by_body_motion(const fic_config_t *config, const fic_input_t *
                                  torque_t f, bool crossed, fic_t *fic) {
     const int8_t direction = direction_of_motion(config, input, fic);
     fic->converging =
-        (direction > 0 && input->error_rad > 0.0f) || (direction < 0 && input->error_rad < 0.0f);
+        (direction > 0 && input->error_rad > 0) || (direction < 0 && input->error_rad < 0);
     if (crossed || !fic->converging || a > fic->a_max_rad) {
         latch(a, f, fic);
     }
@@ -65,13 +68,13 @@ static void phase_by_error_growth(const fic_config_t *config, angle_t a, torque_
     } else if (!fic->converging) {
         if (a >= fic->a_max_rad) {
             latch(a, f, fic);
-        } else if (a < fic->a_max_rad - config->delta_rad) {
+        } else if (a < angle_difference(fic->a_max_rad, config->delta_rad)) {
             fic->converging = true;
             fic->extreme_rad = a;
         }
     } else if (a <= fic->extreme_rad) {
         fic->extreme_rad = a;
-    } else if (a > fic->extreme_rad + config->delta_rad) {
+    } else if (a > angle_sum(fic->extreme_rad, config->delta_rad)) {
         fic->converging = false;
         latch(a, f, fic);
     }
@@ -81,7 +84,7 @@ torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
                   const fic_input_t *input, fic_t *fic) {
     const angle_t a = angle_abs(input->error_rad);
     const torque_t f = torque_profile(profile, a);
-    const int8_t sign = input->error_rad < 0.0f ? -1 : 1;
+    const int8_t sign = input->error_rad < 0 ? -1 : 1;
     const bool crossed = sign != fic->sign;
     fic->sign = sign;
     if (config->phase_rule == FIC_ERROR_GROWTH) {
@@ -93,10 +96,11 @@ torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
     torque_t torque = f;
     if (fic->converging) {
         const torque_t spring =
-            fic->a_max_rad > 0.0f
-                ? torque_scaled(fic->f_max_Nm, a + a - fic->a_max_rad, fic->a_max_rad)
-                : 0.0f;
+            fic->a_max_rad > 0
+                ? torque_scaled(fic->f_max_Nm, angle_difference(angle_sum(a, a), fic->a_max_rad),
+                                fic->a_max_rad)
+                : 0;
         torque = torque_min(spring, f);
     }
-    return sign < 0 ? -torque : torque;
+    return sign < 0 ? torque_negated(torque) : torque;
 }

@@ -26,19 +26,20 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     const joint_command_t *before = &controller->before;
     const joint_command_t *now = &controller->now;
     const int32_t parts = config->ticks_per_sync;
-    const int32_t part = parts == 1 ? 1 : controller->tick;
+    const int32_t part = parts == 1 ? 1 : (int32_t)controller->tick;
     if (controller->tick < config->ticks_per_sync) {
         controller->tick++;
     }
 
     const int64_t error_steps = ((int64_t)before->position_inc - position_inc) * parts +
                                 ((int64_t)now->position_inc - before->position_inc) * part;
-    const int32_t torque =
+    const int32_t t_d_mNm_parts =
         before->torque_mNm * parts + (now->torque_mNm - before->torque_mNm) * part;
-    const int32_t torque_max =
-        before->torque_max_mNm * parts + (now->torque_max_mNm - before->torque_max_mNm) * part;
-    const torque_t t_d = torque_abs(torque_from_mNm(torque, config->ticks_per_sync));
-    const torque_t t_max = torque_from_mNm(torque_max, config->ticks_per_sync);
+    const int32_t t_max_before_mNm = before->torque_max_mNm;
+    const int32_t t_max_mNm_parts =
+        t_max_before_mNm * parts + ((int32_t)now->torque_max_mNm - t_max_before_mNm) * part;
+    const torque_t t_d = torque_abs(torque_from_mNm(t_d_mNm_parts, config->ticks_per_sync));
+    const torque_t t_max = torque_from_mNm(t_max_mNm_parts, config->ticks_per_sync);
 
     const torque_profile_t profile = {
         .q_a_rad = config->q_a_rad,

@@ -22,10 +22,10 @@ torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
     torque = cut(torque, shape_bound, LIMIT_REASON_TORQUE_MAX, &output.reasons);
     torque = cut(torque, input->torque_limit_Nm, LIMIT_REASON_TORQUE_LIMIT, &output.reasons);
     torque = cut(torque, ramp_bound, LIMIT_REASON_BOUND_RAMP, &output.reasons);
-    const bool outward = (torque > 0.0f && input->position_inc >= input->position_max_inc) ||
-                         (torque < 0.0f && input->position_inc <= input->position_min_inc);
+    const bool outward = (torque > 0 && input->position_inc >= input->position_max_inc) ||
+                         (torque < 0 && input->position_inc <= input->position_min_inc);
     if (outward) {
-        torque = 0.0f;
+        torque = 0;
         output.reasons |= LIMIT_REASON_POSITION_LIMIT;
     }
     output.torque_mNm = torque_to_mNm(torque);

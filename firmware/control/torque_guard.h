@@ -40,6 +40,7 @@ typedef struct {
     uint16_t reasons;
 } torque_guard_output_t;
 
+/** The torque for the motor, -32767..32767 mN m, and the reasons for every cut. */
 torque_guard_output_t torque_guard(const torque_guard_input_t *input);
 
 #endif

@@ -7,35 +7,54 @@
 #include "node/node_objects.h"
 #include "od/od_access.h"
 
-#define LSS_REQUEST_COB_ID 0x7E5U
 #define FUNCTION_CODE 0x780U
 #define NODE_ID 0x07FU
+#define INJECTED_INDEX 0x01U
 
 bool motor_node_accepts(uint8_t node_id, uint16_t cob_id) {
-    const uint16_t sender = cob_id & NODE_ID;
+    if (node_id == LSS_UNCONFIGURED) {
+        return cob_id == LSS_REQUEST_COB_ID;
+    }
     switch (cob_id & FUNCTION_CODE) {
     case NMT_COB_ID:
         return cob_id == NMT_COB_ID;
     case SYNC_COB_ID: /* and emergencies */
+        return true;
     case HEARTBEAT_COB_ID:
-        return cob_id != HEARTBEAT_COB_ID && sender != node_id;
+        return cob_id != HEARTBEAT_COB_ID;
     case OD_RPDO1_COB_ID:
     case OD_RPDO2_COB_ID:
     case OD_RPDO4_COB_ID:
+    case OD_TPDO1_COB_ID:
+    case OD_TPDO2_COB_ID:
     case SDO_REQUEST_COB_ID:
-        return sender == node_id;
+    case SDO_RESPONSE_COB_ID:
+        return (cob_id & NODE_ID) == node_id;
     default:
         return cob_id == LSS_REQUEST_COB_ID;
     }
 }
 
+/** Stored values, else defaults. */
+static void power_on_values(const motor_node_config_t *config, uint8_t node_id,
+                            object_dictionary_t *od) {
+    uint8_t ignored = 0;
+    object_dictionary_init(node_id, od);
+    od->identity_object_serial_number = config->serial_number;
+    od->store_parameters_save_all_parameters = config->memory != NULL ? 1U : 0U;
+    if (config->memory != NULL) {
+        (void)parameter_store_load(config->memory, od, &ignored);
+    }
+}
+
 static void reset_communication(const motor_node_config_t *config, motor_node_t *node) {
-    object_dictionary_t defaults;
+    object_dictionary_t values;
     const uint8_t error_register = node->od.error_register; /* a fault outlasts this reset */
-    object_dictionary_init(config->node_id, &defaults);
-    defaults.identity_object_serial_number = config->serial_number;
-    od_copy_communication(&defaults, &node->od);
+    node->node_id = node->lss.pending_node_id;
+    power_on_values(config, node->node_id, &values);
+    od_copy_communication(&values, &node->od);
     node->od.error_register = error_register;
+    lss_init(node->node_id, &node->lss);
 
     node->nmt = NMT_PRE_OPERATIONAL;
     node->boot_up_sent = false;
@@ -49,8 +68,14 @@ static void reset_communication(const motor_node_config_t *config, motor_node_t 
 
 void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
     memset(node, 0, sizeof *node);
-    object_dictionary_init(config->node_id, &node->od);
+    node->memory = config->memory;
+    node->stored_node_id = config->node_id;
+    if (config->memory != NULL) {
+        (void)parameter_store_load(config->memory, &node->od, &node->stored_node_id);
+    }
+    power_on_values(config, node->stored_node_id, &node->od);
     emcy_init(&node->emcy);
+    lss_init(node->stored_node_id, &node->lss);
     reset_communication(config, node);
     drive_init(&node->drive);
     node->referenced = config->referenced;
@@ -83,7 +108,7 @@ static void follow_nmt(nmt_state_t before, motor_node_t *node) {
 static void receive_nmt(const motor_node_config_t *config, const can_frame_t *frame,
                         motor_node_t *node) {
     const nmt_state_t before = node->nmt;
-    const nmt_reset_t reset = nmt_receive(config->node_id, frame, &node->nmt);
+    const nmt_reset_t reset = nmt_receive(node->node_id, frame, &node->nmt);
     if (reset == NMT_RESET_NODE) {
         node->reset_requested = true;
     } else if (reset == NMT_RESET_COMMUNICATION) {
@@ -229,11 +254,45 @@ static void receive_emergency(const can_frame_t *frame, motor_node_t *node) {
     }
 }
 
-static void hear_own_id(const motor_node_config_t *config, const can_frame_t *frame,
-                        motor_node_t *node) {
+static void hear_own_id(const can_frame_t *frame, motor_node_t *node) {
     if (!node->own_id_heard) {
-        node_drive_fault(EMCY_OWN_NODE_ID, config->node_id, frame->id, true, node);
+        node_drive_fault(EMCY_OWN_NODE_ID, node->node_id, frame->id, true, node);
         node->own_id_heard = true;
+    }
+}
+
+/** LSS is there while no process data are (CiA 305, 5). */
+static void receive_lss(const motor_node_config_t *config, const can_frame_t *frame,
+                        motor_node_t *node) {
+    uint32_t identity[LSS_IDENTITY_PARTS] = {0};
+    can_frame_t response;
+    if (node->nmt == NMT_OPERATIONAL) {
+        return;
+    }
+    for (uint8_t part = 0; part < LSS_IDENTITY_PARTS; part++) {
+        const od_entry_t *entry = NULL;
+        (void)od_find(OD_IDENTITY_OBJECT, (uint8_t)(part + 1U), &entry);
+        identity[part] = od_read(&node->od, entry);
+    }
+    switch (lss_receive(identity, node->node_id, frame, &node->lss, &response)) {
+    case LSS_ANSWER:
+        send(&response, node);
+        break;
+    case LSS_STORE: {
+        const bool stored =
+            node->memory != NULL && parameter_store_save(node->memory, PARAMETER_STORE_KEPT,
+                                                         &node->od, node->lss.pending_node_id);
+        node->stored_node_id = stored ? node->lss.pending_node_id : node->stored_node_id;
+        response = lss_store_response(stored);
+        send(&response, node);
+        break;
+    }
+    case LSS_ACTIVATE:
+        reset_communication(config, node);
+        break;
+    case LSS_SILENT:
+    default:
+        break;
     }
 }
 
@@ -241,8 +300,15 @@ static void hear_own_id(const motor_node_config_t *config, const can_frame_t *fr
 static bool receive(const motor_node_config_t *config, const can_frame_t *frame,
                     motor_node_t *node) {
     const uint16_t sender = frame->id & NODE_ID;
-    const bool own = sender == config->node_id;
+    const bool own = sender == node->node_id;
     const bool operational = node->nmt == NMT_OPERATIONAL;
+    if (frame->id == LSS_REQUEST_COB_ID) {
+        receive_lss(config, frame, node);
+        return false;
+    }
+    if (node->node_id == LSS_UNCONFIGURED) {
+        return false;
+    }
     if (frame->id == NMT_COB_ID) {
         receive_nmt(config, frame, node);
         return false;
@@ -253,14 +319,14 @@ static bool receive(const motor_node_config_t *config, const can_frame_t *frame,
     switch (frame->id & FUNCTION_CODE) {
     case EMCY_COB_ID:
         if (own) {
-            hear_own_id(config, frame, node);
+            hear_own_id(frame, node);
         } else if (node->nmt != NMT_STOPPED) {
             receive_emergency(frame, node);
         }
         break;
     case HEARTBEAT_COB_ID:
         if (own) {
-            hear_own_id(config, frame, node);
+            hear_own_id(frame, node);
         } else {
             heartbeat_receive(node->od.consumer_heartbeat_time, frame, &node->heartbeat_consumer);
         }
@@ -269,7 +335,7 @@ static bool receive(const motor_node_config_t *config, const can_frame_t *frame,
     case OD_TPDO2_COB_ID:
     case SDO_RESPONSE_COB_ID:
         if (own) {
-            hear_own_id(config, frame, node);
+            hear_own_id(frame, node);
         }
         break;
     case OD_RPDO1_COB_ID:
@@ -336,6 +402,7 @@ static bool receive_all(const motor_node_config_t *config, const motor_node_inpu
     const size_t count =
         input->frame_count < MOTOR_NODE_RX_MAX ? input->frame_count : MOTOR_NODE_RX_MAX;
     node_count(&node->od.counters_frames_not_read, (uint32_t)(input->frame_count - count));
+    /* cppcheck-suppress knownConditionTrueFalse ; it takes a count of 0 for the only one */
     for (size_t i = 0; i < count && !node->reset_requested; i++) {
         sync = receive(config, &input->frames[i], node) || sync;
     }
@@ -351,11 +418,17 @@ static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) 
         return;
     }
     const int32_t encoder = injected ? od->injected_sensors_position : input->position_inc;
+    node->index_seen =
+        injected ? (od->injected_sensors_flags & INJECTED_INDEX) != 0U : input->index_seen;
+    node->index_encoder_inc = injected ? encoder : input->index_position_inc;
     const int64_t position = (int64_t)encoder + node->offset_inc;
     od->position_actual_value = position > INT32_MAX   ? INT32_MAX
                                 : position < INT32_MIN ? INT32_MIN
                                                        : (int32_t)position;
-    od->motor_temperature = injected ? od->injected_sensors_temperature : input->temperature_dC;
+    od->motor_temperature = input->temperature_dC;
+    if (injected) {
+        od->motor_temperature = od->injected_sensors_temperature;
+    }
 }
 
 static void send_tpdo2(uint32_t elapsed_us, motor_node_t *node) {
@@ -375,8 +448,9 @@ static void send_tpdo2(uint32_t elapsed_us, motor_node_t *node) {
     }
 }
 
-static void transmit(const motor_node_config_t *config, bool sync, uint32_t elapsed_us,
-                     motor_node_t *node, motor_node_output_t *output) {
+/** What is due in this step, beside the answers that wait already. */
+static void produce(bool sync, uint32_t elapsed_us, motor_node_t *node,
+                    motor_node_output_t *output) {
     const object_dictionary_t *od = &node->od;
     can_frame_t frame;
     if (sync && node->nmt == NMT_OPERATIONAL) { /* never behind the queue: the host waits for it */
@@ -388,11 +462,18 @@ static void transmit(const motor_node_config_t *config, bool sync, uint32_t elap
     }
     send_tpdo2(elapsed_us, node);
     if (heartbeat_due(od->producer_heartbeat_time, elapsed_us, &node->heartbeat_producer)) {
-        frame = heartbeat_frame(config->node_id, node->nmt);
+        frame = heartbeat_frame(node->node_id, node->nmt);
         send(&frame, node);
     }
     if (emcy_next(od, elapsed_us, node->nmt != NMT_STOPPED, &node->emcy, &frame)) {
         send(&frame, node);
+    }
+}
+
+static void transmit(bool sync, uint32_t elapsed_us, motor_node_t *node,
+                     motor_node_output_t *output) {
+    if (node->node_id != LSS_UNCONFIGURED) {
+        produce(sync, elapsed_us, node, output);
     }
     while (output->frame_count < MOTOR_NODE_TX_MAX &&
            frame_queue_pop(&node->to_send, &output->frames[output->frame_count])) {
@@ -406,8 +487,8 @@ void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
     output->output_enabled = false;
     output->frame_count = 0;
 
-    if (!node->boot_up_sent) {
-        const can_frame_t boot_up = heartbeat_frame(config->node_id, NMT_BOOT_UP);
+    if (!node->boot_up_sent && node->node_id != LSS_UNCONFIGURED) {
+        const can_frame_t boot_up = heartbeat_frame(node->node_id, NMT_BOOT_UP);
         send(&boot_up, node);
         node->boot_up_sent = true;
     }
@@ -425,7 +506,7 @@ void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
     sample_sensors(input, node);
     node_drive_supervise(input->elapsed_us, node);
     node_drive_tick(input->elapsed_us, node);
-    transmit(config, sync, input->elapsed_us, node, output);
+    transmit(sync, input->elapsed_us, node, output);
     if (node->own_id_heard && node->emcy.count == 0U && node->nmt != NMT_STOPPED) {
         const nmt_state_t before = node->nmt;
         node->nmt = NMT_STOPPED;

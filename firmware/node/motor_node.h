@@ -21,13 +21,16 @@
 #include "canopen/emcy.h"
 #include "canopen/frame_queue.h"
 #include "canopen/heartbeat.h"
+#include "canopen/lss.h"
 #include "canopen/nmt.h"
 #include "canopen/pdo.h"
 #include "canopen/sdo_server.h"
 #include "canopen/sync.h"
 #include "cia402/drive_state.h"
+#include "cia402/homing.h"
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
+#include "node/parameter_store.h"
 #include "od/object_dictionary.h"
 
 /** Most frames that one step takes in; a port hands over more in the next step. */
@@ -37,17 +40,20 @@
 
 /** What distinguishes one device from another: set once by the port, before motor_node_init. */
 typedef struct {
-    uint8_t node_id;        /**< 1..127 */
+    uint8_t node_id;        /**< at power-on unless one is stored: 1..127, or LSS_UNCONFIGURED */
     uint32_t serial_number; /**< 1018h:04, unique */
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
+    const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
 } motor_node_config_t;
 
 typedef struct {
-    uint32_t elapsed_us;       /**< node time since the last step, 0..1000000 */
-    int32_t position_inc;      /**< encoder, used unless 2F00h says injected */
-    int16_t temperature_dC;    /**< 0.1 degree Celsius, used unless injected */
-    const can_frame_t *frames; /**< in order of arrival; may be NULL when frame_count is 0 */
-    size_t frame_count;        /**< 0..MOTOR_NODE_RX_MAX */
+    uint32_t elapsed_us;        /**< node time since the last step, 0..1000000 */
+    int32_t position_inc;       /**< encoder, used unless 2F00h says injected */
+    int16_t temperature_dC;     /**< 0.1 degree Celsius, used unless injected */
+    bool index_seen;            /**< the encoder's index pulse has passed since the last step */
+    int32_t index_position_inc; /**< of the encoder, captured at the pulse */
+    const can_frame_t *frames;  /**< in order of arrival; may be NULL when frame_count is 0 */
+    size_t frame_count;         /**< 0..MOTOR_NODE_RX_MAX */
 } motor_node_input_t;
 
 typedef struct {
@@ -76,7 +82,11 @@ typedef struct {
 /** Read it in tests and simulators; only the functions below change it. */
 typedef struct {
     object_dictionary_t od;
+    const parameter_memory_t *memory;
 
+    uint8_t node_id;        /**< in use: 1..127, or LSS_UNCONFIGURED */
+    uint8_t stored_node_id; /**< of the next power-on */
+    lss_t lss;
     nmt_state_t nmt;
     bool boot_up_sent;
     bool reset_requested;
@@ -102,6 +112,10 @@ typedef struct {
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */
+    bool index_seen;            /**< in this step */
+    int32_t index_encoder_inc;
+    homing_t homing;
+    bool moving; /**< by at least an increment in the last interval of the speed */
     bool outside_limits;
     int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
     uint32_t speed_since_us;
@@ -127,7 +141,9 @@ void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
 
 /**
  * Which COB-IDs a node takes in: NMT, SYNC, its own RPDO1, 2, 4 and SDO request, heartbeats and
- * emergencies of others, LSS. Hardware filters are made from it, and the host counts with it.
+ * emergencies, LSS, and those that it sends itself: from another device they mean that two have the
+ * same node-id. Without a node-id LSS alone. Hardware filters are made from it (a controller does
+ * not receive its own frames), and the host counts with it.
  */
 bool motor_node_accepts(uint8_t node_id, uint16_t cob_id);
 

@@ -5,7 +5,6 @@
 /** Long enough to measure slow speeds with a coarse encoder, short enough to act. */
 #define SPEED_INTERVAL_us 10000U
 #define HOMING_START 0x0010U
-#define HOMING_ATTAINED 0x1000U
 #define INJECTED_ENCODER_FAULT 0x02U
 
 static drive_options_t options_of(const object_dictionary_t *od) {
@@ -39,13 +38,33 @@ static joint_controller_config_t control_of(const object_dictionary_t *od) {
     return config;
 }
 
-static joint_command_t command_of(const object_dictionary_t *od) {
+/** The command that acts: the host's, or in mode 6 the search for the index pulse. */
+static joint_command_t command_of(const motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    if (od->modes_of_operation_display == MODE_HOMING) {
+        const joint_command_t search = {
+            .position_inc = node->homing.target_inc,
+            .torque_mNm = (int16_t)od->homing_torque_mNm,
+            .torque_max_mNm = od->homing_torque_mNm,
+        };
+        return search;
+    }
     const joint_command_t command = {
         .position_inc = od->target_position,
         .torque_mNm = od->target_torque,
         .torque_max_mNm = od->max_torque,
     };
     return command;
+}
+
+static homing_config_t homing_of(const object_dictionary_t *od) {
+    const homing_config_t config = {
+        .method = od->homing_method,
+        .speed_inc_s = od->homing_speeds_speed_during_search_for_zero,
+        .time_out_us = od->homing_time_out_ms * 1000U,
+        .lead_inc = od->following_error_window,
+    };
+    return config;
 }
 
 static uint64_t distance(int32_t a, int32_t b) {
@@ -97,7 +116,9 @@ static void start(motor_node_t *node) {
     node->control = control_of(&node->od);
     node->restart = true;
     node->hold = false;
-    node->holding = false;
+    node->holding = node->od.modes_of_operation_display == MODE_HOMING; /* RPDO1 does not act */
+    node->homing.phase = HOMING_NOT_STARTED;
+    node->homing.target_inc = node->od.position_actual_value;
     node->halted = false;
     node->ramp_ppm = 0;
     node->following_error_us = 0;
@@ -136,13 +157,59 @@ static void halt(motor_node_t *node) {
     }
 }
 
-static void home(motor_node_t *node) {
+/** That place of the encoder becomes 607Ch, and the position of this tick follows. */
+static void set_home(int32_t encoder_inc, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
-    const int64_t encoder = (int64_t)od->position_actual_value - node->offset_inc;
-    const int64_t offset = od->home_offset - encoder;
-    if (offset >= INT32_MIN && offset <= INT32_MAX) {
-        node->offset_inc = (int32_t)offset;
-        node->referenced = true;
+    const int64_t offset = (int64_t)od->home_offset - encoder_inc;
+    const int64_t shift = offset - node->offset_inc;
+    const int64_t position = od->position_actual_value + shift;
+    if (offset < INT32_MIN || offset > INT32_MAX || position < INT32_MIN || position > INT32_MAX) {
+        node->homing.phase = HOMING_FAILED;
+        return;
+    }
+    node->offset_inc = (int32_t)offset;
+    od->position_actual_value = (int32_t)position;
+    node->speed_from_inc = (int32_t)(node->speed_from_inc + shift);
+    node->referenced = true;
+}
+
+/** Bit 4 of the controlword in mode 6. */
+static void command_homing(bool wants, bool wanted, motor_node_t *node) {
+    const homing_config_t config = homing_of(&node->od);
+    if (wants && !wanted && !node->halted) {
+        homing_start(&config, node->od.position_actual_value, &node->homing);
+        if (node->homing.phase == HOMING_ATTAINED) {
+            set_home(node->od.position_actual_value - node->offset_inc, node);
+        } else {
+            node->referenced = false;
+        }
+    } else if (!wants && node->homing.phase == HOMING_SEARCHING) {
+        node->homing.phase = HOMING_INTERRUPTED;
+        node->hold = true;
+    } else {
+        /* nothing new */
+    }
+}
+
+/** The search goes on, or ends: then the joint is held where it is. */
+static void search_home(uint32_t elapsed_us, motor_node_t *node) {
+    const homing_config_t config = homing_of(&node->od);
+    if (node->homing.phase != HOMING_SEARCHING) {
+        return;
+    }
+    if (!drive_wants_output(&node->drive) || node->halted) {
+        node->homing.phase = HOMING_INTERRUPTED;
+    } else if (node->index_seen) {
+        node->homing.phase = HOMING_ATTAINED;
+        set_home(node->index_encoder_inc, node);
+    } else {
+        homing_step(&config, node->od.position_actual_value, elapsed_us, &node->homing);
+    }
+    if (node->homing.phase == HOMING_SEARCHING) {
+        const joint_command_t command = command_of(node);
+        joint_controller_command(&command, &node->controller);
+    } else {
+        node->hold = true;
     }
 }
 
@@ -186,9 +253,8 @@ void node_drive_controlword(uint16_t controlword, motor_node_t *node) {
             start(node);
         }
     }
-    if (mode == MODE_HOMING && (controlword & HOMING_START) != 0U &&
-        (before & HOMING_START) == 0U) {
-        home(node);
+    if (mode == MODE_HOMING) {
+        command_homing((controlword & HOMING_START) != 0U, (before & HOMING_START) != 0U, node);
     }
 }
 
@@ -255,15 +321,18 @@ static void supervise_speed(uint32_t elapsed_us, motor_node_t *node) {
     if (drive_has_output(&node->drive) && moved * 60000000U > allowed) {
         node_drive_fault(EMCY_OVERSPEED, 0, od->position_actual_value, true, node);
     }
+    node->moving = moved != 0U;
     node->speed_from_inc = od->position_actual_value;
     node->speed_since_us = 0;
 }
 
+/** Limits are places of the joint: without a reference they mean nothing. */
 static void supervise_position(motor_node_t *node) {
     object_dictionary_t *od = &node->od;
     const int32_t position = od->position_actual_value;
-    const bool outside = position > od->software_position_limit_max_position_limit ||
-                         position < od->software_position_limit_min_position_limit;
+    const bool outside =
+        node->referenced && (position > od->software_position_limit_max_position_limit ||
+                             position < od->software_position_limit_min_position_limit);
     if (outside && !node->outside_limits && drive_has_output(&node->drive)) {
         emcy_report(EMCY_POSITION_LIMIT, 0, position, od, &node->emcy);
     }
@@ -312,7 +381,7 @@ static void ramp_bound(uint32_t elapsed_us, motor_node_t *node) {
 static void start_or_hold(motor_node_t *node) {
     const int32_t position = node->od.position_actual_value;
     if (node->restart) {
-        const joint_command_t command = command_of(&node->od);
+        const joint_command_t command = command_of(node);
         joint_controller_reset(position, &command, &node->controller);
         node->restart = false;
     }
@@ -323,11 +392,14 @@ static void start_or_hold(motor_node_t *node) {
     }
 }
 
-/** What the mode asks for. Outside mode -1 there is no FIC, no error and no latched torque. */
+/** What the mode asks for. In mode 10 there is no FIC, no error and no latched torque. */
 static joint_controller_output_t ask(uint32_t elapsed_us, motor_node_t *node) {
     const object_dictionary_t *od = &node->od;
     joint_controller_output_t asked = {0};
-    if (od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE) {
+    const bool homing = od->modes_of_operation_display == MODE_HOMING &&
+                        od->homing_method != HOMING_HERE &&
+                        node->homing.phase != HOMING_NOT_STARTED;
+    if (od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE || homing) {
         joint_controller_step(&node->control, od->position_actual_value, elapsed_us,
                               &node->controller, &asked);
     } else if (od->modes_of_operation_display == MODE_CYCLIC_SYNCHRONOUS_TORQUE) {
@@ -337,17 +409,18 @@ static joint_controller_output_t ask(uint32_t elapsed_us, motor_node_t *node) {
     return asked;
 }
 
-static uint16_t status_of(bool close, bool attained, const motor_node_t *node) {
+static uint16_t status_of(bool close, const motor_node_t *node) {
     const object_dictionary_t *od = &node->od;
     const bool follows = drive_wants_output(&node->drive) && !node->halted;
     const bool fractal = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE;
+    const bool homing = od->modes_of_operation_display == MODE_HOMING;
     uint16_t status = drive_statusword(&node->drive) | STATUSWORD_VOLTAGE_ENABLED;
     status |= node->nmt == NMT_STOPPED ? 0U : STATUSWORD_REMOTE;
     status |= node->outside_limits ? STATUSWORD_WARNING : 0U;
     status |= close ? STATUSWORD_TARGET_REACHED : 0U;
     status |= od->limit_reasons != 0U ? STATUSWORD_INTERNAL_LIMIT : 0U;
-    status |= attained ? HOMING_ATTAINED : 0U;
-    status |= follows && od->modes_of_operation_display != MODE_HOMING ? STATUSWORD_FOLLOWS : 0U;
+    status |= homing ? homing_statusword(node->referenced, node->moving, &node->homing) : 0U;
+    status |= follows && !homing ? STATUSWORD_FOLLOWS : 0U;
     status |= drive_has_output(&node->drive) && fractal && node->controller.fic.converging
                   ? STATUSWORD_CONVERGENCE
                   : 0U;
@@ -360,6 +433,7 @@ void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
     torque_guard_output_t guarded = {0};
     bool close = false;
     ramp_bound(elapsed_us, node);
+    search_home(elapsed_us, node);
     start_or_hold(node);
     if (drive_has_output(&node->drive)) {
         const joint_controller_output_t asked = ask(elapsed_us, node);
@@ -370,8 +444,10 @@ void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
             .torque_max_Nm = asked.torque_max_Nm,
             .f_max_Nm = asked.f_max_Nm,
             .position_inc = od->position_actual_value,
-            .position_min_inc = od->software_position_limit_min_position_limit,
-            .position_max_inc = od->software_position_limit_max_position_limit,
+            .position_min_inc =
+                node->referenced ? od->software_position_limit_min_position_limit : INT32_MIN,
+            .position_max_inc =
+                node->referenced ? od->software_position_limit_max_position_limit : INT32_MAX,
         };
         guarded = torque_guard(&guard);
         guarded.reasons |= asked.limited ? LIMIT_REASON_TORQUE_LIMIT : 0U;
@@ -379,8 +455,7 @@ void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
         close = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE &&
                 angle_abs(asked.error_rad) <= node->control.q_a_rad;
     }
-    const bool attained = od->modes_of_operation_display == MODE_HOMING && node->referenced;
     od->torque_actual_value = guarded.torque_mNm;
     od->limit_reasons = guarded.reasons | node->refusals;
-    od->statusword = status_of(close, attained, node);
+    od->statusword = status_of(close, node);
 }

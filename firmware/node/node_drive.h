@@ -14,6 +14,7 @@ void node_drive_controlword(uint16_t controlword, motor_node_t *node);
 /** Asks for a mode (6060h); a refusal shows in 2200h. */
 void node_drive_mode(int8_t mode, motor_node_t *node);
 
+/** Whether the drive has a mode (6060h): -1, 6 or 10. */
 bool node_drive_has_mode(int8_t mode);
 
 /** Enters the fault reaction; ramp = false: torque off at once. Only the first fault counts. */

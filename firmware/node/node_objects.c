@@ -3,6 +3,7 @@
 #include "node/motor_node.h"
 #include "node/node_drive.h"
 
+#define SIGNATURE_SAVE 0x65766173U
 #define SIGNATURE_LOAD 0x64616F6CU
 #define EMCY_CONSUMER_OFF 0x80000000U
 
@@ -19,14 +20,16 @@ static sdo_abort_t readable(const void *device, const od_entry_t *entry) {
 static bool needs_output_off(uint16_t index) {
     return index == OD_FIC || index == OD_SENSOR_SOURCE || index == OD_TIME_BASE ||
            index == OD_POSITION_ENCODER_RESOLUTION || index == OD_TARGET_POSITION ||
-           index == OD_TARGET_TORQUE || index == OD_MAX_TORQUE;
+           index == OD_TARGET_TORQUE || index == OD_MAX_TORQUE || index == OD_STORE_PARAMETERS ||
+           index == OD_RESTORE_DEFAULT_PARAMETERS; /* writing the memory may take long */
 }
 
 static bool is_configuration(uint16_t index) {
-    return index != OD_PRE_DEFINED_ERROR_FIELD && index != OD_RESTORE_DEFAULT_PARAMETERS &&
-           index != OD_VERIFY_CONFIGURATION && index != OD_INJECTED_SENSORS &&
-           index != OD_CONTROLWORD && index != OD_MODES_OF_OPERATION &&
-           index != OD_TARGET_POSITION && index != OD_TARGET_TORQUE && index != OD_MAX_TORQUE;
+    return index != OD_PRE_DEFINED_ERROR_FIELD && index != OD_STORE_PARAMETERS &&
+           index != OD_RESTORE_DEFAULT_PARAMETERS && index != OD_VERIFY_CONFIGURATION &&
+           index != OD_INJECTED_SENSORS && index != OD_CONTROLWORD &&
+           index != OD_MODES_OF_OPERATION && index != OD_TARGET_POSITION &&
+           index != OD_TARGET_TORQUE && index != OD_MAX_TORQUE;
 }
 
 /** CiA 301, 7.5.2.16: no node may be watched twice. */
@@ -53,7 +56,7 @@ static sdo_abort_t check(const object_dictionary_t *od, const od_entry_t *entry,
     case OD_PRE_DEFINED_ERROR_FIELD:
         return value != 0U ? SDO_ABORT_RANGE : SDO_ABORT_NONE;
     case OD_STORE_PARAMETERS:
-        return SDO_ABORT_NOT_STORED;
+        return value != SIGNATURE_SAVE ? SDO_ABORT_NOT_STORED : SDO_ABORT_NONE;
     case OD_RESTORE_DEFAULT_PARAMETERS:
         return value != SIGNATURE_LOAD ? SDO_ABORT_NOT_STORED : SDO_ABORT_NONE;
     case OD_CONSUMER_HEARTBEAT_TIME:
@@ -72,11 +75,22 @@ static sdo_abort_t check(const object_dictionary_t *od, const od_entry_t *entry,
     case OD_MODES_OF_OPERATION:
         return value != MODE_NONE && !node_drive_has_mode((int8_t)(uint8_t)value) ? SDO_ABORT_RANGE
                                                                                   : SDO_ABORT_NONE;
+    case OD_HOMING_METHOD:
+        return value == 35U || value == 36U ? SDO_ABORT_RANGE : SDO_ABORT_NONE;
     case OD_SOFTWARE_POSITION_LIMIT:
         return check_position_limit(od, entry->subindex, (int32_t)value);
     default:
         return SDO_ABORT_NONE;
     }
+}
+
+static sdo_abort_t store(parameter_source_t source, const motor_node_t *node) {
+    if (node->memory == NULL) { /* nothing is stored: any reset brings the defaults */
+        return source == PARAMETER_STORE_DEFAULTS ? SDO_ABORT_NONE : SDO_ABORT_NO_RESOURCE;
+    }
+    return parameter_store_save(node->memory, source, &node->od, node->stored_node_id)
+               ? SDO_ABORT_NONE
+               : SDO_ABORT_HARDWARE;
 }
 
 static sdo_abort_t write(void *device, const od_entry_t *entry, uint32_t value) {
@@ -94,8 +108,10 @@ static sdo_abort_t write(void *device, const od_entry_t *entry, uint32_t value) 
         od->verify_configuration_configuration_time = 0;
     }
     switch (entry->index) {
-    case OD_RESTORE_DEFAULT_PARAMETERS: /* nothing is stored: the next reset brings the defaults */
-        return SDO_ABORT_NONE;
+    case OD_STORE_PARAMETERS:
+        return store(PARAMETER_STORE_VALUES, node);
+    case OD_RESTORE_DEFAULT_PARAMETERS: /* they act from the next reset on */
+        return store(PARAMETER_STORE_DEFAULTS, node);
     case OD_CONSUMER_HEARTBEAT_TIME:
         node->heartbeat_consumer.entries[entry->subindex - 1U].watching = false;
         break;

@@ -105,6 +105,9 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x2101U, 1U, OD_U16, OD_RW, AT(output_bound_ramp_up_ms), 0x1U, 0x2710U},
     {0x2101U, 2U, OD_U16, OD_RW, AT(output_bound_ramp_down_ms), 0x1U, 0x2710U},
     {0x2102U, 0U, OD_U8, OD_RW, AT(allowed_missed_sync), 0x0U, 0xFFU},
+    {0x2104U, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
+    {0x2104U, 1U, OD_U16, OD_RW, AT(homing_torque_mNm), 0x1U, 0x7FFFU},
+    {0x2104U, 2U, OD_U16, OD_RW, AT(homing_time_out_ms), 0x1U, 0xFFFFU},
     {0x2200U, 0U, OD_U16, OD_RO, AT(limit_reasons), 0x0U, 0xFFFFU},
     {0x2201U, 0U, OD_U8, OD_CONST, 0U, 0x9U, 0x9U},
     {0x2201U, 1U, OD_U16, OD_RO, AT(counters_missed_sync), 0x0U, 0xFFFFU},
@@ -153,7 +156,10 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x608FU, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
     {0x608FU, 1U, OD_U32, OD_RW, AT(position_encoder_resolution_encoder_increments), 0x100U, 0x1000000U},
     {0x608FU, 2U, OD_U32, OD_CONST, 0U, 0x1U, 0x1U},
-    {0x6098U, 0U, OD_I8, OD_RW, AT(homing_method), 0x25U, 0x25U},
+    {0x6098U, 0U, OD_I8, OD_RW, AT(homing_method), 0x21U, 0x25U},
+    {0x6099U, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
+    {0x6099U, 1U, OD_U32, OD_RW, AT(homing_speeds_speed_during_search_for_switch), 0x1U, 0xF4240U},
+    {0x6099U, 2U, OD_U32, OD_RW, AT(homing_speeds_speed_during_search_for_zero), 0x1U, 0xF4240U},
     {0x6502U, 0U, OD_U32, OD_CONST, 0U, 0x10220U, 0x10220U},
 };
 /* clang-format on */
@@ -175,7 +181,7 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->manufacturer_device_name = "FIC motor node";
     od->manufacturer_hardware_version = "none";
     od->manufacturer_software_version = "0.1.0+" OD_PROTOCOL_HASH_TEXT;
-    od->store_parameters_save_all_parameters = 0U;
+    od->store_parameters_save_all_parameters = 1U;
     od->restore_default_parameters_restore_all_default_parameters = 1U;
     od->cob_id_emcy = 128U + node_id;
     od->inhibit_time_emcy = 10U;
@@ -214,6 +220,8 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->output_bound_ramp_up_ms = 100U;
     od->output_bound_ramp_down_ms = 100U;
     od->allowed_missed_sync = 3U;
+    od->homing_torque_mNm = 1000U;
+    od->homing_time_out_ms = 30000U;
     od->limit_reasons = 0U;
     od->counters_missed_sync = 0U;
     od->counters_duplicate_sync = 0U;
@@ -257,6 +265,8 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->torque_slope = 4294967295U;
     od->position_encoder_resolution_encoder_increments = 65536U;
     od->homing_method = 37;
+    od->homing_speeds_speed_during_search_for_switch = 6554U;
+    od->homing_speeds_speed_during_search_for_zero = 6554U;
 }
 
 static uint16_t get_u16(const uint8_t *data) {

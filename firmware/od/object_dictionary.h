@@ -12,10 +12,10 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x9040BDC1U
-#define OD_PROTOCOL_HASH_TEXT "9040bdc1"
+#define OD_PROTOCOL_HASH 0xB04D82F1U
+#define OD_PROTOCOL_HASH_TEXT "b04d82f1"
 
-#define OD_ENTRY_COUNT 150U
+#define OD_ENTRY_COUNT 156U
 
 #define OD_DEVICE_TYPE 0x1000U
 #define OD_ERROR_REGISTER 0x1001U
@@ -51,6 +51,7 @@
 #define OD_FIC 0x2100U
 #define OD_OUTPUT_BOUND_RAMP 0x2101U
 #define OD_ALLOWED_MISSED_SYNC 0x2102U
+#define OD_HOMING 0x2104U
 #define OD_LIMIT_REASONS 0x2200U
 #define OD_COUNTERS 0x2201U
 #define OD_MOTOR_TEMPERATURE 0x2202U
@@ -83,6 +84,7 @@
 #define OD_TORQUE_SLOPE 0x6087U
 #define OD_POSITION_ENCODER_RESOLUTION 0x608FU
 #define OD_HOMING_METHOD 0x6098U
+#define OD_HOMING_SPEEDS 0x6099U
 #define OD_SUPPORTED_DRIVE_MODES 0x6502U
 
 #define OD_RPDO1_COB_ID 0x200U
@@ -166,6 +168,8 @@ typedef struct {
     uint16_t output_bound_ramp_up_ms; /**< 2101h:01, ms */
     uint16_t output_bound_ramp_down_ms; /**< 2101h:02, ms */
     uint8_t allowed_missed_sync; /**< 2102h:00 */
+    uint16_t homing_torque_mNm; /**< 2104h:01, mN m */
+    uint16_t homing_time_out_ms; /**< 2104h:02, ms */
     uint16_t limit_reasons; /**< 2200h:00 */
     uint16_t counters_missed_sync; /**< 2201h:01 */
     uint16_t counters_duplicate_sync; /**< 2201h:02 */
@@ -209,6 +213,8 @@ typedef struct {
     uint32_t torque_slope; /**< 6087h:00, mN m/s */
     uint32_t position_encoder_resolution_encoder_increments; /**< 608Fh:01, inc */
     int8_t homing_method; /**< 6098h:00 */
+    uint32_t homing_speeds_speed_during_search_for_switch; /**< 6099h:01, inc/s */
+    uint32_t homing_speeds_speed_during_search_for_zero; /**< 6099h:02, inc/s */
 } object_dictionary_t;
 /* clang-format on */
 

@@ -12,6 +12,12 @@ namespace {
 
 constexpr std::int64_t kRunInfoPeriod_us = 1000000;
 
+#ifdef CONTROL_FIXED_POINT
+constexpr const char *kJointNumbers = "fixed";
+#else
+constexpr const char *kJointNumbers = "float";
+#endif
+
 hpmc_lcm::can_frame_t to_lcm(const can_frame_t &frame) {
     hpmc_lcm::can_frame_t message{};
     message.id = static_cast<std::int16_t>(frame.id);
@@ -33,7 +39,8 @@ hpmc_lcm::run_info_t make_run_info(const RunConfig &config, const std::string &m
     info.protocol_hash = motor_node_od::kProtocolHash;
     info.libm = std::string("glibc ") + gnu_get_libc_version() +
                 " GLIBC_TUNABLES=" + (tunables != nullptr ? tunables : "");
-    info.build = std::string("gcc ") + __VERSION__ + " -ffp-contract=off";
+    info.build = std::string("gcc ") + __VERSION__ + " -ffp-contract=off, joint controllers in " +
+                 kJointNumbers;
     return info;
 }
 

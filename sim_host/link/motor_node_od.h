@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "9040bdc1";
+inline constexpr std::string_view kProtocolHash = "b04d82f1";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+9040bdc1";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+b04d82f1";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 
@@ -143,6 +143,9 @@ inline constexpr Entry kOutputBoundRampHighestSubIndexSupported{0x2101, 0, Type:
 inline constexpr Entry kOutputBoundRampUpMs{0x2101, 1, Type::kU16}; // ms
 inline constexpr Entry kOutputBoundRampDownMs{0x2101, 2, Type::kU16}; // ms
 inline constexpr Entry kAllowedMissedSync{0x2102, 0, Type::kU8};
+inline constexpr Entry kHomingHighestSubIndexSupported{0x2104, 0, Type::kU8};
+inline constexpr Entry kHomingTorqueMNm{0x2104, 1, Type::kU16}; // mN m
+inline constexpr Entry kHomingTimeOutMs{0x2104, 2, Type::kU16}; // ms
 inline constexpr Entry kLimitReasons{0x2200, 0, Type::kU16};
 inline constexpr Entry kCountersHighestSubIndexSupported{0x2201, 0, Type::kU8};
 inline constexpr Entry kCountersMissedSync{0x2201, 1, Type::kU16};
@@ -192,6 +195,9 @@ inline constexpr Entry kPositionEncoderResolutionHighestSubIndexSupported{0x608F
 inline constexpr Entry kPositionEncoderResolutionEncoderIncrements{0x608F, 1, Type::kU32}; // inc
 inline constexpr Entry kPositionEncoderResolutionMotorRevolutions{0x608F, 2, Type::kU32}; // rev
 inline constexpr Entry kHomingMethod{0x6098, 0, Type::kI8};
+inline constexpr Entry kHomingSpeedsHighestSubIndexSupported{0x6099, 0, Type::kU8};
+inline constexpr Entry kHomingSpeedsSpeedDuringSearchForSwitch{0x6099, 1, Type::kU32}; // inc/s
+inline constexpr Entry kHomingSpeedsSpeedDuringSearchForZero{0x6099, 2, Type::kU32}; // inc/s
 inline constexpr Entry kSupportedDriveModes{0x6502, 0, Type::kU32};
 
 // COB-ID without the node-id, and length in bytes, of each PDO.

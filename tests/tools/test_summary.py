@@ -22,6 +22,7 @@ from hpmc.summary import (
 
 KEYS = {
     "mode": None,
+    "numbers": None,
     "repetitions": None,
     "reaches": None,
     "seed": None,
@@ -49,6 +50,7 @@ TARGET_KEYS = [
 ]
 FACTS = RunFacts(
     mode="sil",
+    numbers="fixed",
     seed=7,
     repetitions=1,
     simulated_s=17.25,

@@ -82,6 +82,14 @@ void test_shutdown_from_operation(void) { /* 8 */
     expect(DRIVE_READY_TO_SWITCH_ON);
 }
 
+void test_disabling_operation_under_way_is_not_turned_into_a_shutdown(void) {
+    enable();
+    TEST_ASSERT_EQUAL_INT(DRIVE_STOPPING, command(SWITCH_ON));
+    TEST_ASSERT_EQUAL_INT(DRIVE_DONE, command(SHUTDOWN)); /* the first word counts */
+    drive_bound_is_zero(&drive);
+    expect(DRIVE_SWITCHED_ON);
+}
+
 void test_leaving_operation_without_ramp(void) {
     options.shutdown = 0;
     options.disable_operation = 0;

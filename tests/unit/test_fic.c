@@ -7,19 +7,29 @@
 #include "unity.h"
 
 #include "control/fic.h"
+#include "numbers.h"
 
 #define TICK_us 1000U
 
-static const torque_profile_t slope = {
-    .q_a_rad = 0.1f, .q_p_rad = 0.1f, .q_b_rad = 0.1f, .t1_Nm = 10.0f, .t2_Nm = 10.0f};
+static torque_profile_t slope;
 static fic_config_t config;
 static fic_t fic;
 static int32_t target_inc;
 
+static torque_profile_t slope_up_to(float torque_Nm) {
+    const torque_profile_t profile = {.q_a_rad = angle_of(0.1f),
+                                      .q_p_rad = angle_of(0.1f),
+                                      .q_b_rad = angle_of(0.1f),
+                                      .t1_Nm = torque_of(torque_Nm),
+                                      .t2_Nm = torque_of(torque_Nm)};
+    return profile;
+}
+
 void setUp(void) {
+    slope = slope_up_to(10.0f);
     config.phase_rule = FIC_BODY_MOTION;
     config.delta_inc256 = 128;
-    config.delta_rad = 0.0005f;
+    config.delta_rad = angle_of(0.0005f);
     config.stall_time_us = 20000;
     target_inc = 0;
     fic_reset(0, &fic);
@@ -27,10 +37,11 @@ void setUp(void) {
 void tearDown(void) {}
 
 static float step_with(const torque_profile_t *profile, int32_t position_inc) {
-    const fic_input_t input = {.position_inc = position_inc,
-                               .error_rad = ((float)target_inc - (float)position_inc) * 0.001f,
-                               .elapsed_us = TICK_us};
-    return fic_step(&config, profile, &input, &fic);
+    const float error_rad = ((float)target_inc - (float)position_inc) * 0.001f;
+    const float limited_rad = error_rad > 0.5f ? 0.5f : error_rad < -0.5f ? -0.5f : error_rad;
+    const fic_input_t input = {
+        .position_inc = position_inc, .error_rad = angle_of(limited_rad), .elapsed_us = TICK_us};
+    return in_Nm(fic_step(&config, profile, &input, &fic));
 }
 
 static float step(int32_t position_inc) {
@@ -78,18 +89,14 @@ void test_convergence_on_the_other_side(void) {
 
 void test_f_max_stays_latched_when_the_profile_changes(void) {
     swing_out(1);
-    torque_profile_t weaker = slope;
-    weaker.t1_Nm = 1.0f;
-    weaker.t2_Nm = 1.0f;
+    const torque_profile_t weaker = slope_up_to(1.0f);
     TEST_ASSERT_FLOAT_WITHIN(1e-4f, 1.0f, step_with(&weaker, 5));
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 2.0f, fic.f_max_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 2.0f, in_Nm(fic.f_max_Nm));
 }
 
 void test_convergence_never_exceeds_the_profile(void) {
     swing_out(1);
-    torque_profile_t weaker = slope;
-    weaker.t1_Nm = 1.0f;
-    weaker.t2_Nm = 1.0f;
+    const torque_profile_t weaker = slope_up_to(1.0f);
     TEST_ASSERT_FLOAT_WITHIN(1e-4f, -0.19f, step_with(&weaker, 19));
 }
 
@@ -98,7 +105,7 @@ void test_reversal_outward_is_divergence_at_once(void) {
     (void)step(12);
     expect(-1.3f, 13);
     TEST_ASSERT_FALSE(fic.converging);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.013f, fic.a_max_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.013f, in_rad(fic.a_max_rad));
 }
 
 void test_zero_crossing_latches_anew(void) {
@@ -107,8 +114,8 @@ void test_zero_crossing_latches_anew(void) {
     TEST_ASSERT_TRUE(fic.converging);
     expect(0.2f, -2); /* other side, moving away */
     TEST_ASSERT_FALSE(fic.converging);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.002f, fic.a_max_rad);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.2f, fic.f_max_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.002f, in_rad(fic.a_max_rad));
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 0.2f, in_Nm(fic.f_max_Nm));
 }
 
 void test_target_jumping_across_latches_while_converging(void) {
@@ -129,7 +136,7 @@ void test_body_and_target_turning_together_latch_anew(void) {
     target_inc = 20;
     expect(0.4f, 16); /* now moves up, toward the new target: converging from 4, not from 20 */
     TEST_ASSERT_TRUE(fic.converging);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.004f, fic.a_max_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.004f, in_rad(fic.a_max_rad));
 }
 
 void test_error_beyond_the_latch_moves_the_latch_while_converging(void) {
@@ -138,13 +145,13 @@ void test_error_beyond_the_latch_moves_the_latch_while_converging(void) {
     target_inc = -10; /* |e| grows to 28 although the body moves toward the target */
     expect(-2.8f, 18);
     TEST_ASSERT_TRUE(fic.converging);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.028f, fic.a_max_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.028f, in_rad(fic.a_max_rad));
 }
 
 void test_error_of_zero_has_no_torque_and_no_division(void) {
     expect(0.0f, 0);
     expect(0.0f, 0);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, fic.a_max_rad);
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, in_rad(fic.a_max_rad));
 }
 
 void test_motion_of_delta_or_less_is_no_reversal(void) {
@@ -188,6 +195,17 @@ void test_upward_reversal_of_direction(void) {
     TEST_ASSERT_EQUAL_INT32(-17, fic.extreme_inc);
 }
 
+void test_motion_of_delta_or_less_is_no_reversal_upward(void) {
+    config.delta_inc256 = 3 * 256;
+    swing_out(-1);
+    (void)step(-17);
+    TEST_ASSERT_EQUAL_INT8(-1, fic.direction);
+    TEST_ASSERT_FALSE(fic.converging);
+    (void)step(-16);
+    TEST_ASSERT_EQUAL_INT8(1, fic.direction);
+    TEST_ASSERT_TRUE(fic.converging);
+}
+
 void test_first_motion_upward_has_no_direction_until_it_turns(void) {
     for (int32_t q = -20; q < -10; q++) {
         if (q == -20) {
@@ -224,12 +242,12 @@ void test_error_growth_turns_back_to_divergence(void) {
     (void)step(5);
     expect(-0.8f, 8);
     TEST_ASSERT_FALSE(fic.converging);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.008f, fic.a_max_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.008f, in_rad(fic.a_max_rad));
 }
 
 void test_error_growth_within_delta_keeps_the_phase(void) {
     config.phase_rule = FIC_ERROR_GROWTH;
-    config.delta_rad = 0.0025f;
+    config.delta_rad = angle_of(0.0025f);
     swing_out(1);
     (void)step(18);
     TEST_ASSERT_FALSE(fic.converging);
@@ -256,7 +274,7 @@ void test_error_growth_zero_crossing(void) {
     TEST_ASSERT_TRUE(fic.converging);
     expect(0.3f, -3);
     TEST_ASSERT_FALSE(fic.converging);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.003f, fic.a_max_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.003f, in_rad(fic.a_max_rad));
 }
 
 /* Passivity: with a fixed target no closed cycle of q gains energy. */
@@ -269,12 +287,15 @@ static uint32_t random_below(uint32_t bound) {
 }
 
 static torque_profile_t random_profile(void) {
-    torque_profile_t profile = {0};
-    profile.q_a_rad = 1e-3f + (float)random_below(8000) * 1e-6f;
-    profile.q_p_rad = profile.q_a_rad + (float)random_below(3000) * 1e-6f;
-    profile.q_b_rad = profile.q_p_rad + 1e-4f + (float)random_below(8000) * 1e-6f;
-    profile.t2_Nm = 0.5f + (float)random_below(3000) * 1e-3f;
-    profile.t1_Nm = profile.t2_Nm * (float)random_below(1001) * 1e-3f;
+    const uint32_t q_a_urad = 1000U + random_below(8000);
+    const uint32_t q_p_urad = q_a_urad + random_below(3000);
+    const uint32_t q_b_urad = q_p_urad + 100U + random_below(8000);
+    const torque_t t2 = torque_from_mNm((int32_t)(500U + random_below(3000)), 1);
+    const torque_profile_t profile = {.q_a_rad = angle_from_urad(q_a_urad),
+                                      .q_p_rad = angle_from_urad(q_p_urad),
+                                      .q_b_rad = angle_from_urad(q_b_urad),
+                                      .t1_Nm = torque_part(t2, random_below(1001), 1000),
+                                      .t2_Nm = t2};
     return profile;
 }
 
@@ -285,6 +306,7 @@ typedef struct {
     int32_t position_inc;
     float torque_Nm;
     angle_scale_t scale;
+    double step_rad;
 } cycle_t;
 
 static void move_to(const torque_profile_t *profile, int32_t goal_inc, cycle_t *cycle) {
@@ -295,18 +317,18 @@ static void move_to(const torque_profile_t *profile, int32_t goal_inc, cycle_t *
                                    .error_rad =
                                        angle_from_steps(&cycle->scale, -cycle->position_inc),
                                    .elapsed_us = 1};
-        float torque = fic_step(&config, profile, &input, &fic);
+        float torque = in_Nm(fic_step(&config, profile, &input, &fic));
         if (fic.converging && !cycle->keep_min) {
-            const float a = angle_abs(input.error_rad);
-            const float spring = fic.f_max_Nm * (2.0f * a - fic.a_max_rad) / fic.a_max_rad;
-            torque = input.error_rad < 0.0f ? -spring : spring;
+            const float a_max = in_rad(fic.a_max_rad);
+            const float a = in_rad(angle_abs(input.error_rad));
+            const float spring = in_Nm(fic.f_max_Nm) * (2.0f * a - a_max) / a_max;
+            torque = input.error_rad < 0 ? -spring : spring;
         }
-        cycle->gained_J +=
-            0.5 * (double)(torque + cycle->torque_Nm) * (double)cycle->scale.step_rad * direction;
+        cycle->gained_J += 0.5 * (double)(torque + cycle->torque_Nm) * cycle->step_rad * direction;
         cycle->torque_Nm = torque;
     }
     /* The turn itself is seen one increment late. */
-    cycle->tolerance_J += 2.0 * (double)profile->t2_Nm * (double)cycle->scale.step_rad;
+    cycle->tolerance_J += 2.0 * (double)in_Nm(profile->t2_Nm) * cycle->step_rad;
 }
 
 static double largest_gain_of_random_cycles(bool keep_min) {
@@ -316,9 +338,11 @@ static double largest_gain_of_random_cycles(bool keep_min) {
     for (int run = 0; run < 100; run++) {
         const torque_profile_t profile = random_profile();
         const int32_t begin = (int32_t)random_below(80000) - 40000;
-        cycle_t cycle = {
-            .keep_min = keep_min, .position_inc = begin, .scale = angle_scale(resolution, 1)};
-        config.delta_rad = 0.5f * cycle.scale.step_rad;
+        cycle_t cycle = {.keep_min = keep_min,
+                         .position_inc = begin,
+                         .scale = angle_scale(resolution, 1),
+                         .step_rad = 6.283185307179586 / (double)resolution};
+        config.delta_rad = angle_part(cycle.scale.step_rad, 1, 2);
         fic_reset(begin, &fic);
         const int turns = 1 + (int)random_below(4);
         for (int turn = 0; turn < turns; turn++) {

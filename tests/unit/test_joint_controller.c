@@ -2,6 +2,7 @@
 #include "unity.h"
 
 #include "control/joint_controller.h"
+#include "numbers.h"
 
 static joint_controller_config_t config;
 static joint_controller_t controller;
@@ -15,10 +16,10 @@ static void use_ticks(uint8_t ticks_per_sync) {
 void setUp(void) {
     const joint_controller_config_t paper = {
         .fic = {.phase_rule = FIC_BODY_MOTION, .delta_inc256 = 128, .stall_time_us = 20000},
-        .q_a_rad = 0.0075f,
-        .q_p_rad = 0.009f,
-        .q_b_rad = 0.016f,
-        .torque_limit_Nm = 20.0f,
+        .q_a_rad = angle_of(0.0075f),
+        .q_p_rad = angle_of(0.009f),
+        .q_b_rad = angle_of(0.016f),
+        .torque_limit_Nm = torque_of(20.0f),
     };
     const joint_command_t none = {0};
     config = paper;
@@ -40,9 +41,10 @@ static void tick(int32_t position_inc) {
 void test_command_acts_at_once_with_one_tick_per_sync(void) {
     command(100, 3000, 8000);
     tick(0);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 100.0f * 9.58738e-5f, output.error_rad);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 8.0f, output.torque_max_Nm);
-    TEST_ASSERT_FLOAT_WITHIN(1e-3f, 3.0f + 5.0f * (9.58738e-3f - 9e-3f) / 7e-3f, output.torque_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 100.0f * 9.58738e-5f, in_rad(output.error_rad));
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 8.0f, in_Nm(output.torque_max_Nm));
+    TEST_ASSERT_FLOAT_WITHIN(1e-3f, 3.0f + 5.0f * (9.58738e-3f - 9e-3f) / 7e-3f,
+                             in_Nm(output.torque_Nm));
 }
 
 void test_five_ticks_interpolate_from_the_command_before(void) {
@@ -51,8 +53,10 @@ void test_five_ticks_interpolate_from_the_command_before(void) {
     command(110, 2000, 4000);
     for (int i = 0; i < 5; i++) {
         tick(50);
-        TEST_ASSERT_FLOAT_WITHIN(1e-7f, (50.0f + 2.0f * (float)i) * 9.58738e-5f, output.error_rad);
-        TEST_ASSERT_FLOAT_WITHIN(1e-6f, 2.0f + 0.4f * (float)i, output.torque_max_Nm);
+        TEST_ASSERT_FLOAT_WITHIN(1e-7f, (50.0f + 2.0f * (float)i) * 9.58738e-5f,
+                                 in_rad(output.error_rad));
+        TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 2.0f + 0.4f * (float)i,
+                                 in_Nm(output.torque_max_Nm));
     }
 }
 
@@ -63,30 +67,30 @@ void test_late_command_holds_the_end_point(void) {
     for (int i = 0; i < 12; i++) {
         tick(50);
     }
-    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 60.0f * 9.58738e-5f, output.error_rad);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 4.0f, output.torque_max_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 60.0f * 9.58738e-5f, in_rad(output.error_rad));
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 4.0f, in_Nm(output.torque_max_Nm));
 }
 
 void test_first_plateau_is_the_smaller_of_both_torques(void) {
     command(80, 9000, 2000); /* e = 7.67 mrad: on the first plateau */
     tick(0);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 2.0f, output.torque_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 2.0f, in_Nm(output.torque_Nm));
     command(80, -1000, 2000); /* only the size of T_d counts */
     tick(0);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 1.0f, output.torque_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 1.0f, in_Nm(output.torque_Nm));
 }
 
 void test_sign_of_the_torque_is_that_of_the_error(void) {
     command(-80, 1000, 2000);
     tick(0);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, -1.0f, output.torque_Nm);
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, -1.0f, in_Nm(output.torque_Nm));
 }
 
 void test_torque_is_limited_to_TA(void) {
-    config.torque_limit_Nm = 5.0f;
+    config.torque_limit_Nm = torque_of(5.0f);
     command(2000, 8000, 8000);
     tick(0);
-    TEST_ASSERT_EQUAL_FLOAT(5.0f, output.torque_Nm);
+    TEST_ASSERT_EQUAL_FLOAT(5.0f, in_Nm(output.torque_Nm));
     TEST_ASSERT_TRUE(output.limited);
     command(2, 8000, 8000);
     tick(0);
@@ -100,15 +104,15 @@ void test_braking_may_exceed_a_falling_T_max(void) {
     tick(0); /* turns: now the body moves down */
     command(-300, 4000, 4000);
     tick(0);
-    TEST_ASSERT_EQUAL_FLOAT(-4.0f, output.torque_Nm);
+    TEST_ASSERT_EQUAL_FLOAT(-4.0f, in_Nm(output.torque_Nm));
     for (int32_t q = -1; q > -295; q--) {
         tick(q);
     }
     command(-300, 500, 500);
     tick(-295);
-    TEST_ASSERT_TRUE(output.torque_Nm > 3.0f);
-    TEST_ASSERT_FLOAT_WITHIN(1e-3f, 4.0f, output.f_max_Nm);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 0.5f, output.torque_max_Nm);
+    TEST_ASSERT_TRUE(in_Nm(output.torque_Nm) > 3.0f);
+    TEST_ASSERT_FLOAT_WITHIN(1e-3f, 4.0f, in_Nm(output.f_max_Nm));
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 0.5f, in_Nm(output.torque_max_Nm));
 }
 
 void test_hold_replaces_the_position_only(void) {
@@ -117,12 +121,12 @@ void test_hold_replaces_the_position_only(void) {
     command(110, 1000, 2000);
     joint_controller_hold(70, &controller);
     tick(70);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, output.error_rad);
-    TEST_ASSERT_FLOAT_WITHIN(1e-6f, 2.0f, output.torque_max_Nm);
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, in_rad(output.error_rad));
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 2.0f, in_Nm(output.torque_max_Nm));
     for (int i = 0; i < 5; i++) {
         tick(0);
     }
-    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 70.0f * 9.58738e-5f, output.error_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 70.0f * 9.58738e-5f, in_rad(output.error_rad));
 }
 
 void test_hold_while_converging_does_not_jolt(void) {
@@ -134,7 +138,7 @@ void test_hold_while_converging_does_not_jolt(void) {
     TEST_ASSERT_TRUE(controller.fic.converging);
     joint_controller_hold(250, &controller);
     tick(250);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, output.torque_Nm);
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, in_Nm(output.torque_Nm));
 }
 
 void test_extremes_of_the_position_range(void) {
@@ -144,8 +148,8 @@ void test_extremes_of_the_position_range(void) {
     for (int i = 0; i < 11; i++) {
         tick(INT32_MIN);
         tick(INT32_MAX);
-        TEST_ASSERT_TRUE(angle_abs(output.error_rad) <= 0.5001f);
-        TEST_ASSERT_TRUE(torque_abs(output.torque_Nm) <= 20.0f);
+        TEST_ASSERT_TRUE(in_rad(angle_abs(output.error_rad)) <= 0.5001f);
+        TEST_ASSERT_TRUE(in_Nm(torque_abs(output.torque_Nm)) <= 20.0f);
     }
 }
 
@@ -158,6 +162,6 @@ void test_reset_starts_the_fic_at_rest(void) {
     TEST_ASSERT_EQUAL_INT8(0, controller.fic.direction);
     TEST_ASSERT_EQUAL_INT32(40, controller.fic.extreme_inc);
     tick(40);
-    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 160.0f * 9.58738e-5f, output.error_rad);
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 160.0f * 9.58738e-5f, in_rad(output.error_rad));
     TEST_ASSERT_FALSE(controller.fic.converging);
 }

@@ -543,7 +543,8 @@ static void expect_abort(uint32_t code, uint16_t index, uint8_t subindex, uint8_
 void test_rules_of_single_objects(void) {
     rig_step();
     expect_abort(SDO_ABORT_RANGE, 0x1003, 0, 1, 1);
-    expect_abort(SDO_ABORT_NOT_STORED, 0x1010, 1, 4, 0x65766173);
+    expect_abort(SDO_ABORT_NOT_STORED, 0x1010, 1, 4, 1);
+    expect_abort(SDO_ABORT_NO_RESOURCE, 0x1010, 1, 4, 0x65766173);
     expect_abort(SDO_ABORT_NOT_STORED, 0x1011, 1, 4, 1);
     expect_abort(0, 0x1011, 1, 4, 0x64616F6C);
     TEST_ASSERT_EQUAL_UINT32(1,
@@ -677,12 +678,14 @@ void test_late_command_is_dropped_by_the_synchronous_window(void) {
 
 void test_which_identifiers_are_accepted(void) {
     for (uint16_t id = 0; id < 0x800; id++) {
-        const bool heartbeat = id > 0x700 && id < 0x780 && id != 0x702;
-        const bool emergency = id > 0x080 && id < 0x100 && id != 0x082;
+        const bool heartbeat = id > 0x700 && id < 0x780;
+        const bool sync_or_emergency = id >= 0x080 && id < 0x100;
         const bool own = id == 0x202 || id == 0x302 || id == 0x502 || id == 0x602;
+        const bool of_a_double = id == 0x182 || id == 0x282 || id == 0x582;
         const bool expected =
-            id == 0x000 || id == 0x080 || own || heartbeat || emergency || id == 0x7E5;
+            id == 0x000 || sync_or_emergency || own || of_a_double || heartbeat || id == 0x7E5;
         TEST_ASSERT_EQUAL_INT(expected, motor_node_accepts(NODE_ID, id));
+        TEST_ASSERT_EQUAL_INT(id == 0x7E5, motor_node_accepts(LSS_UNCONFIGURED, id));
     }
 }
 

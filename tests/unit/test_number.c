@@ -1,49 +1,77 @@
-/* Numbers of the control law: exact differences, saturation, rounding on the way out. */
+/* Numbers of the control law, what holds in both builds: exact differences, saturation, rounding on
+ * the way out. */
 #include "unity.h"
 
 #include "control/number.h"
+#include "numbers.h"
 
 void setUp(void) {}
 void tearDown(void) {}
 
 void test_angle_of_one_revolution_fraction(void) {
     const angle_scale_t scale = angle_scale(65536, 1);
-    TEST_ASSERT_FLOAT_WITHIN(1e-9f, 9.58738e-5f, angle_from_steps(&scale, 1));
-    TEST_ASSERT_FLOAT_WITHIN(1e-8f, -0.0958738f, angle_from_steps(&scale, -1000));
+    TEST_ASSERT_FLOAT_WITHIN(ANGLE_STEP_rad, 9.58738e-5f, in_rad(angle_from_steps(&scale, 1)));
+    TEST_ASSERT_FLOAT_WITHIN(1e-8f, -0.0958738f, in_rad(angle_from_steps(&scale, -1000)));
 }
 
 void test_parts_of_an_increment(void) {
     const angle_scale_t whole = angle_scale(65536, 1);
     const angle_scale_t fifth = angle_scale(65536, 5);
-    TEST_ASSERT_FLOAT_WITHIN(1e-9f, angle_from_steps(&whole, 100), angle_from_steps(&fifth, 500));
+    TEST_ASSERT_FLOAT_WITHIN(ANGLE_STEP_rad, in_rad(angle_from_steps(&whole, 100)),
+                             in_rad(angle_from_steps(&fifth, 500)));
 }
 
 void test_angle_saturates_at_half_a_radian(void) {
     const angle_scale_t scale = angle_scale(65536, 1);
-    TEST_ASSERT_FLOAT_WITHIN(1e-4f, 0.5f, angle_from_steps(&scale, 5216));
-    TEST_ASSERT_FLOAT_WITHIN(1e-4f, 0.5f, angle_from_steps(&scale, (int64_t)1 << 40));
-    TEST_ASSERT_FLOAT_WITHIN(1e-4f, -0.5f, angle_from_steps(&scale, -((int64_t)1 << 40)));
+    const float limit_rad = 5215.0f * 9.58738e-5f; /* 5215.19 increments are 0.5 rad */
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, limit_rad, in_rad(angle_from_steps(&scale, 5216)));
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, limit_rad, in_rad(angle_from_steps(&scale, INT64_MAX)));
+    TEST_ASSERT_FLOAT_WITHIN(1e-6f, -limit_rad, in_rad(angle_from_steps(&scale, INT64_MIN)));
+}
+
+void test_limit_is_half_a_radian_in_whole_steps(void) {
+    TEST_ASSERT_EQUAL_INT32(20, angle_limit_steps(256, 1));
+    TEST_ASSERT_EQUAL_INT32(81, angle_limit_steps(1024, 1));
+    TEST_ASSERT_EQUAL_INT32(5215, angle_limit_steps(65536, 1));
+    TEST_ASSERT_EQUAL_INT32(26075, angle_limit_steps(65536, 5));
+    TEST_ASSERT_EQUAL_INT32(13350884, angle_limit_steps(1U << 24, 10));
+}
+
+void test_part_of_a_step(void) {
+    const angle_scale_t scale = angle_scale(65536, 1);
+    TEST_ASSERT_FLOAT_WITHIN(ANGLE_STEP_rad, 0.5f * 9.58738e-5f,
+                             in_rad(angle_part(scale.step_rad, 128, 256)));
+    TEST_ASSERT_FLOAT_WITHIN(1e-8f, 0.02454331f,
+                             in_rad(angle_part(scale.step_rad, UINT16_MAX, 256)));
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, in_rad(angle_part(scale.step_rad, 0, 256)));
+}
+
+void test_angle_from_microradians(void) {
+    TEST_ASSERT_FLOAT_WITHIN(ANGLE_STEP_rad, 0.0075f, in_rad(angle_from_urad(7500)));
+    TEST_ASSERT_FLOAT_WITHIN(1e-7f, 0.5f, in_rad(angle_from_urad(500000)));
+}
+
+void test_torque_of_parts(void) {
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, 1.2346f, in_Nm(torque_from_mNm(12346, 10)));
+    TEST_ASSERT_FLOAT_WITHIN(TORQUE_STEP_Nm, -0.0333333f, in_Nm(torque_from_mNm(-100, 3)));
 }
 
 void test_torque_rounds_half_away_from_zero(void) {
-    TEST_ASSERT_EQUAL_INT16(1, torque_to_mNm(0.0005f));
-    TEST_ASSERT_EQUAL_INT16(-1, torque_to_mNm(-0.0005f));
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(0.000499f));
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(-0.000499f));
-    TEST_ASSERT_EQUAL_INT16(3, torque_to_mNm(0.0025f));
-    TEST_ASSERT_EQUAL_INT16(1234, torque_to_mNm(1.234f));
+    TEST_ASSERT_EQUAL_INT16(1, torque_to_mNm(torque_of(0.00052f)));
+    TEST_ASSERT_EQUAL_INT16(-1, torque_to_mNm(torque_of(-0.00052f)));
+    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(torque_of(0.00048f)));
+    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(torque_of(-0.00048f)));
+    TEST_ASSERT_EQUAL_INT16(1234, torque_to_mNm(torque_of(1.234f)));
+    /* Exact in both builds: 1/16 and 3/16 N m = 62.5 and 187.5 mN m. */
+    TEST_ASSERT_EQUAL_INT16(63, torque_to_mNm(torque_of(0.0625f)));
+    TEST_ASSERT_EQUAL_INT16(-188, torque_to_mNm(torque_of(-0.1875f)));
 }
 
 void test_torque_saturates_symmetrically(void) {
-    TEST_ASSERT_EQUAL_INT16(32767, torque_to_mNm(32.767f));
-    TEST_ASSERT_EQUAL_INT16(32767, torque_to_mNm(1e30f));
-    TEST_ASSERT_EQUAL_INT16(-32767, torque_to_mNm(-32.768f));
-    TEST_ASSERT_EQUAL_INT16(-32767, torque_to_mNm(-1e30f));
-}
-
-void test_not_a_number_leaves_as_zero(void) {
-    const float zero = 0.0f;
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(zero / zero));
+    TEST_ASSERT_EQUAL_INT16(32767, torque_to_mNm(torque_of(32.767f)));
+    TEST_ASSERT_EQUAL_INT16(32767, torque_to_mNm(torque_of(32767.0f)));
+    TEST_ASSERT_EQUAL_INT16(-32767, torque_to_mNm(torque_of(-32.768f)));
+    TEST_ASSERT_EQUAL_INT16(-32767, torque_to_mNm(torque_of(-32767.0f)));
 }
 
 void test_every_bus_torque_comes_back_unchanged(void) {
@@ -53,7 +81,16 @@ void test_every_bus_torque_comes_back_unchanged(void) {
 }
 
 void test_scaling_by_one_is_exact(void) {
-    const torque_t torque = 1.2345f;
-    TEST_ASSERT_TRUE(torque_scaled(torque, 0.0123f, 0.0123f) == torque);
+    const torque_t torque = torque_of(1.2345f);
+    const angle_t angle = angle_of(0.0123f);
+    TEST_ASSERT_TRUE(torque_scaled(torque, angle, angle) == torque);
     TEST_ASSERT_TRUE(torque_part(torque, 1000000, 1000000) == torque);
+}
+
+void test_clamp_is_symmetrical(void) {
+    const torque_t bound = torque_of(2.0f);
+    TEST_ASSERT_TRUE(torque_clamp(torque_of(2.5f), bound) == bound);
+    TEST_ASSERT_TRUE(torque_clamp(torque_of(-2.5f), bound) == torque_negated(bound));
+    TEST_ASSERT_TRUE(torque_clamp(torque_of(-1.5f), bound) == torque_of(-1.5f));
+    TEST_ASSERT_TRUE(torque_is_number(bound));
 }

@@ -90,6 +90,15 @@ void test_missed_in_node_time(void) {
     TEST_ASSERT_EQUAL_UINT32(9, sync_elapse(&config, 10000, &sync));
 }
 
+void test_nothing_is_missed_within_the_period(void) {
+    (void)receive(1);
+    TEST_ASSERT_EQUAL_UINT32(0, sync_elapse(&config, 999, &sync));
+    TEST_ASSERT_EQUAL_UINT32(0, sync.overdue);
+    (void)receive(2);
+    TEST_ASSERT_EQUAL_UINT32(0, sync_elapse(&config, 600, &sync)); /* counted from the last one */
+    TEST_ASSERT_EQUAL_UINT32(0, sync.overdue);
+}
+
 void test_nothing_is_missed_before_the_first_sync_or_without_period(void) {
     TEST_ASSERT_EQUAL_UINT32(0, sync_elapse(&config, 5000, &sync));
     config.period_us = 0;

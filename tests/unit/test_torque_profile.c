@@ -2,15 +2,21 @@
 #include "unity.h"
 
 #include "control/torque_profile.h"
+#include "numbers.h"
 
-static const torque_profile_t profile = {
-    .q_a_rad = 0.0075f, .q_p_rad = 0.009f, .q_b_rad = 0.016f, .t1_Nm = 2.0f, .t2_Nm = 5.0f};
+static torque_profile_t profile;
 
-void setUp(void) {}
+void setUp(void) {
+    profile.q_a_rad = angle_of(0.0075f);
+    profile.q_p_rad = angle_of(0.009f);
+    profile.q_b_rad = angle_of(0.016f);
+    profile.t1_Nm = torque_of(2.0f);
+    profile.t2_Nm = torque_of(5.0f);
+}
 void tearDown(void) {}
 
 static void expect(float torque_Nm, float a_rad) {
-    TEST_ASSERT_FLOAT_WITHIN(1e-5f, torque_Nm, torque_profile(&profile, a_rad));
+    TEST_ASSERT_FLOAT_WITHIN(2e-5f, torque_Nm, in_Nm(torque_profile(&profile, angle_of(a_rad))));
 }
 
 void test_first_slope(void) {
@@ -36,7 +42,7 @@ void test_second_plateau(void) {
 void test_never_falls_and_has_no_step(void) {
     float before = 0.0f;
     for (int i = 0; i <= 20000; i++) {
-        const float now = torque_profile(&profile, (float)i * 1e-6f);
+        const float now = in_Nm(torque_profile(&profile, angle_of((float)i * 1e-6f)));
         TEST_ASSERT_TRUE(now >= before);
         TEST_ASSERT_TRUE(now - before < 1e-3f);
         before = now;
@@ -44,8 +50,7 @@ void test_never_falls_and_has_no_step(void) {
 }
 
 void test_without_second_slope(void) {
-    torque_profile_t step = profile;
-    step.q_b_rad = step.q_p_rad;
-    TEST_ASSERT_EQUAL_FLOAT(2.0f, torque_profile(&step, 0.009f));
-    TEST_ASSERT_EQUAL_FLOAT(5.0f, torque_profile(&step, 0.0091f));
+    profile.q_b_rad = profile.q_p_rad;
+    expect(2.0f, 0.009f);
+    expect(5.0f, 0.0091f);
 }

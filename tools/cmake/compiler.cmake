@@ -19,6 +19,11 @@ add_compile_options(-Wall -Wextra -Werror -Wconversion -Wshadow -pedantic)
 add_compile_options(
     "$<$<COMPILE_LANGUAGE:C>:-Wsign-conversion;-Wdouble-promotion;-Wswitch-enum>")
 
+# For all: the firmware's structs hold these numbers, and the simulator links the firmware.
+if(HPMC_FIXED)
+    add_compile_definitions(CONTROL_FIXED_POINT)
+endif()
+
 if(HPMC_SANITIZE)
     add_compile_options(-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all
                         -fno-omit-frame-pointer -g)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 MODULES = {
     "run": "hpmc.run",
+    "node": "hpmc.node",
     "bench": "hpmc.bench",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",

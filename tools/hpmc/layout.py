@@ -1,9 +1,12 @@
 """Where the project's files are."""
 
+import os
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-BUILD = ROOT / "build" / "host"
+# ./rig names the build that it made: build/host, or build/host-fixed for --fixed.
+BUILD = Path(os.environ.get("HPMC_BUILD", ROOT / "build" / "host"))
+NUMBERS = "fixed" if BUILD.name == "host-fixed" else "float"  # of the joint controllers
 CONFIG = ROOT / "sim_host" / "config"
 RUNS = ROOT / "runs"
 WITH_VCAN = ROOT / "tools" / "with-vcan"

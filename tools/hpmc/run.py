@@ -27,7 +27,7 @@ from hpmc.configuration import (
     experiments,
     load_configuration,
 )
-from hpmc.layout import LAUNCHER, PROGRAMS, RUNS, WITH_VCAN
+from hpmc.layout import LAUNCHER, NUMBERS, PROGRAMS, RUNS, WITH_VCAN
 
 EXIT_USAGE = 2
 EXIT_RUN_ENDED = 3
@@ -93,6 +93,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--repetitions", metavar="N", help="of 16 reaches each")
     parser.add_argument("--joint-rate-hz", choices=("1000", "5000"), help="joint loop of the nodes")
     parser.add_argument("--phase-rule", choices=("body_motion", "error_growth"), help="of the FIC")
+    parser.add_argument("--fixed", action="store_true",
+                        help="joint controllers in 32-bit integers instead of float")
     parser.add_argument("--seed", metavar="N", help="of the start angles' offsets")
     parser.add_argument(
         "--config",
@@ -525,6 +527,7 @@ def write_results(
     simulated_s = configuration.repetitions * configuration.periods_per_repetition * SYNC_PERIOD_S
     facts = RunFacts(
         mode=options.mode,
+        numbers=NUMBERS,
         seed=configuration.seed,
         repetitions=configuration.repetitions,
         simulated_s=simulated_s,
@@ -564,6 +567,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     configuration = load_configuration(
         options.experiment, [options.config] if options.config else [], all_overrides(options)
     )
+    if options.fixed and NUMBERS != "fixed":
+        raise ConfigurationError("--fixed: these programs are made and chosen by ./rig run --fixed")
     if options.mode == "vcan" and options.jobs > 1:
         raise ConfigurationError("--jobs: goes with --mode sil")
     if options.mode == "vcan" and configuration.values["bus"]["command_delay_ms"] > 0:

@@ -34,6 +34,7 @@ PYTEST = [
     sys.executable, "-m", "pytest", "-q", "-rs", "--durations=5", "--color=no",
     "-o", f"cache_dir={BUILD / 'pytest_cache'}", "-o", "faulthandler_timeout=150",
 ]  # fmt: skip
+FIXED_TESTS = "tests/tools/test_fixed.py"
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Step:
     advice: str
     after: str | None = None
     alone: bool = False
+    fixed: bool = False
 
 
 @dataclass
@@ -75,6 +77,7 @@ def preset(name: str, jobs: int) -> list[list[str]]:
 def steps() -> list[Step]:
     """All steps, in order."""
     configure, build, ctest = preset("host", 2)
+    configure_fixed, build_fixed, ctest_fixed = preset("host-fixed", 2)
     sources = [
         str(file.relative_to(ROOT))
         for folder in ("firmware", "sim_host", "tests")
@@ -90,6 +93,11 @@ def steps() -> list[Step]:
             "sanitize", "firmware and its C tests, with address and undefined-behaviour sanitizers",
             preset("sanitize", 1), 300,
             "one test alone: ctest --preset sanitize -R NAME",
+        ),
+        Step(
+            "sanitize-fixed", "the same, joint controllers in integers",
+            preset("sanitize-fixed", 1), 300,
+            "one test alone: ctest --preset sanitize-fixed -R NAME", fixed=True,
         ),
         Step(
             "ctest", "C tests (Unity) and C++ tests (doctest)", [ctest], 300,
@@ -119,8 +127,22 @@ def steps() -> list[Step]:
             "tools tests",
         ),
         Step(
-            "tools", "Python tests of the tools", [[*PYTEST, "tests/tools"]], 400,
+            "tools", "Python tests of the tools",
+            [[*PYTEST, "tests/tools", "--ignore", FIXED_TESTS]], 400,
             "one test alone: build/venv/bin/python -m pytest tests/tools -k NAME", after="build",
+        ),
+        Step(
+            "fixed", "joint controllers in integers: programs and C tests",
+            [configure_fixed, [*build_fixed[:4], "--target", "rig", "unit_tests", *build_fixed[4:]],
+             [*ctest_fixed, "-L", "unit"]], 600,
+            "one test alone: ctest --preset host-fixed -R NAME", after="build", alone=True,
+            fixed=True,
+        ),
+        Step(
+            "fixed-runs", "their symbols on small cores; 1600 reaches beside those in float",
+            [[*PYTEST, FIXED_TESTS]], 400,
+            f"one test alone: build/venv/bin/python -m pytest {FIXED_TESTS} -k NAME", after="fixed",
+            alone=True, fixed=True,
         ),
         Step(
             "rig", "whole runs of the rig", [[*PYTEST, "tests/rig"]], 600,
@@ -227,7 +249,7 @@ def report(result: Result) -> None:
         lines += said[-LINES_SHOWN:]
     else:
         lines += result.closing
-    head = f"{result.step.name:10} {result.seconds:6.1f} s  {verdict}  ({result.step.job})"
+    head = f"{result.step.name:14} {result.seconds:6.1f} s  {verdict}  ({result.step.job})"
     print("\n".join([head, *(f"    {line}" for line in lines)]), flush=True)
 
 
@@ -285,18 +307,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="rig test", description="Runs all tests, the same as CI.")
     parser.add_argument("--only", action="append", metavar="NAME",
                         help="only this step (again for more), and what it needs")  # fmt: skip
+    parser.add_argument("--fixed", action="store_true",
+                        help="only the steps of the fixed-point build")  # fmt: skip
     parser.add_argument("--list", action="store_true", help="names the steps")
     arguments = parser.parse_args(argv)
 
     every = {step.name: step for step in steps()}
     if arguments.list:
         for step in every.values():
-            print(f"{step.name:10} {step.job}")
+            print(f"{step.name:14} {step.job}")
         return 0
-    wanted = set(arguments.only or every)
+    fixed = {step.name for step in every.values() if step.fixed}
+    wanted = set(arguments.only or (fixed if arguments.fixed else every))
     if unknown := sorted(wanted - set(every)):
         parser.error(f"there is no step '{unknown[0]}'; the steps are {', '.join(every)}")
-    wanted |= {every[name].after for name in wanted if every[name].after}
+    while missing := {every[name].after for name in wanted} - wanted - {None}:
+        wanted |= missing
 
     LOGS.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, interrupted)

@@ -59,6 +59,7 @@ class RunFacts:
     """What the runner knows and the logs do not."""
 
     mode: str
+    numbers: str  # of the joint controllers: float or fixed
     seed: int
     repetitions: int
     simulated_s: float
@@ -85,6 +86,7 @@ def build_summary(
 
     return {
         "mode": facts.mode,
+        "numbers": facts.numbers,
         "repetitions": facts.repetitions,
         "reaches": len(metrics) if metrics else 0,
         "seed": facts.seed,
@@ -144,7 +146,8 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
 
 def _table(summary: Summary) -> Table:
     table = Table(
-        title=f"Clock experiment, {summary['mode']}: {summary['reaches']} reaches",
+        title=f"Clock experiment, {summary['mode']}, joints in {summary['numbers']}: "
+        f"{summary['reaches']} reaches",
         title_justify="left",
         title_style="bold",
         box=box.HORIZONTALS,

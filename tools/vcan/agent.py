@@ -66,6 +66,7 @@ def set_up_machine() -> None:
     for module in (
         "net/can/can.ko",
         "net/can/can-raw.ko",
+        "net/can/can-bcm.ko",  # cyclic transmission, as python-can uses it
         "drivers/net/can/dev/can-dev.ko",
         "drivers/net/can/vcan.ko",
         "drivers/net/can/slcan/slcan.ko",

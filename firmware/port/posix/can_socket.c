@@ -56,6 +56,11 @@ bool can_socket_open(can_socket_t *can, const char *interface, const can_socket_
     return ok;
 }
 
+bool can_socket_set_filters(can_socket_t *can, const can_socket_filter_t *filters,
+                            size_t filter_count) {
+    return set_filters(can->fd, filters, filter_count);
+}
+
 void can_socket_close(can_socket_t *can) {
     if (can->fd >= 0) {
         (void)close(can->fd);
@@ -133,6 +138,7 @@ size_t can_socket_receive(can_socket_t *can, can_frame_t *frames, size_t count, 
             continue;
         }
         for (int i = 0; i < n; ++i) {
+            /* cppcheck-suppress uninitvar ; recvmmsg has filled it through parts[i] */
             if ((raw[i].can_id & CAN_ERR_FLAG) != 0U) {
                 can->error_frames++;
                 continue;

@@ -36,6 +36,9 @@ typedef struct {
 /** Opens the socket on an interface; filters may be NULL (all frames). False: errno says why. */
 bool can_socket_open(can_socket_t *socket, const char *interface,
                      const can_socket_filter_t *filters, size_t filter_count);
+/** Replaces the filters. False: errno says why. */
+bool can_socket_set_filters(can_socket_t *socket, const can_socket_filter_t *filters,
+                            size_t filter_count);
 void can_socket_close(can_socket_t *socket);
 
 /** Sends count (0..CAN_SOCKET_BATCH) frames in order. False after timeout_ms without room or on an

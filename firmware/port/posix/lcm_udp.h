@@ -55,11 +55,13 @@ typedef struct {
 /** Reads "udpm://A.B.C.D:PORT?ttl=N". False when it is not of that form. */
 bool lcm_udp_parse(const char *url, lcm_udp_address_t *address);
 
+/** Opens the socket. False: errno says why. */
 bool lcm_udp_sender_open(lcm_udp_sender_t *sender, const lcm_udp_address_t *address);
+/** Closes it; what is queued is dropped. */
 void lcm_udp_sender_close(lcm_udp_sender_t *sender);
 
-/** Room for the payload of the next message, and how much; NULL when the batch is full and could
- * not be sent or the channel name is too long. */
+/** Room for the payload of the next message, and its capacity in bytes; NULL when the batch is full
+ * and could not be sent or the channel name is too long. */
 uint8_t *lcm_udp_reserve(lcm_udp_sender_t *sender, const char *channel, size_t *capacity);
 /** Completes the message that lcm_udp_reserve began. */
 void lcm_udp_commit(lcm_udp_sender_t *sender, size_t payload_length);

@@ -1,7 +1,8 @@
 /*
- * motor_node: the firmware on the POSIX port, in the stepped time base. CAN is SocketCAN, encoder
- * and motor are the simulated arm's over LCM. One joint tick per ARM_STATE; the frames of a SYNC
- * period are complete when BUS_CLOSED says how many there are (docs/architecture.md).
+ * motor_node: the firmware on the POSIX port, on SocketCAN. In the stepped time base encoder and
+ * motor are the simulated arm's over LCM: one joint tick per ARM_STATE, and the frames of a SYNC
+ * period are complete when BUS_CLOSED says how many there are (docs/architecture.md). With
+ * --free-running the node is alone on the bus and on the wall clock (free_running.h).
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -16,6 +17,7 @@
 #include "node/motor_node.h"
 #include "port/posix/can_socket.h"
 #include "port/posix/encoder_model.h"
+#include "port/posix/free_running.h"
 #include "port/posix/lcm_udp.h"
 #include "port/posix/node_filters.h"
 #include "port/posix/stop_signal.h"
@@ -27,6 +29,7 @@ enum {
     FRAME_WAIT_MS = 500, /* vcan delivers at once: a frame missing for so long is lost */
     BUFFER_BYTES = 1 << 20,
     JOINT_COUNT = 3,
+    NODE_ID_MAX = 127,
     AMBIENT_dC = 250 /* the simulated winding does not heat up */
 };
 
@@ -37,6 +40,8 @@ typedef struct {
     long joint_ticks;
     long increments_per_revolution;
     long stall_timeout_ms;
+    bool free_running;
+    free_running_options_t alone;
 } options_t;
 
 typedef struct {
@@ -70,6 +75,17 @@ static bool parse_long(const char *text, long low, long high, const char *name, 
     return true;
 }
 
+static bool parse_double(const char *text, double low, const char *name, double *value) {
+    char *end = NULL;
+    *value = strtod(text, &end);
+    if (end == text || *end != '\0' || !(*value >= low && *value <= 1e6)) {
+        (void)fprintf(stderr, "motor_node: --%s %s: must be a number from %g to 1e6\n", name, text,
+                      low);
+        return false;
+    }
+    return true;
+}
+
 static bool parse_options(int argc, char **argv, options_t *o) {
     static const struct option table[] = {
         {"id", required_argument, NULL, 'i'},
@@ -78,6 +94,16 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"joint-ticks", required_argument, NULL, 'j'},
         {"increments-per-revolution", required_argument, NULL, 'r'},
         {"stall-timeout-ms", required_argument, NULL, 's'},
+        {"free-running", no_argument, NULL, 'f'},
+        {"serial", required_argument, NULL, 'S'},
+        {"parameters", required_argument, NULL, 'P'},
+        {"referenced", no_argument, NULL, 'R'},
+        {"temperature-dC", required_argument, NULL, 'T'},
+        {"inertia", required_argument, NULL, 'I'},
+        {"viscous-friction", required_argument, NULL, 'V'},
+        {"coulomb-friction", required_argument, NULL, 'C'},
+        {"torque-constant", required_argument, NULL, 'K'},
+        {"index-rad", required_argument, NULL, 'X'},
         {NULL, 0, NULL, 0},
     };
     *o = (options_t){.node_id = 0,
@@ -85,13 +111,22 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                      .plant_url = "udpm://239.255.76.67:7668?ttl=0",
                      .joint_ticks = 1,
                      .increments_per_revolution = 65536,
-                     .stall_timeout_ms = 10000};
+                     .stall_timeout_ms = 10000,
+                     .alone = {.temperature_dC = AMBIENT_dC,
+                               .joint = {.inertia_kg_m2 = 0.05,
+                                         .viscous_Nm_s = 0.05,
+                                         .coulomb_Nm = 0.05,
+                                         .torque_constant_Nm_A = 5.0,
+                                         .index_rad = 0.5}}};
+    simulated_joint_config_t *joint = &o->alone.joint;
+    long serial = 0;
+    long temperature_dC = AMBIENT_dC;
     bool ok = true;
     int key;
     while (ok && (key = getopt_long(argc, argv, "", table, NULL)) != -1) {
         switch (key) {
         case 'i':
-            ok = parse_long(optarg, 1, JOINT_COUNT, "id", &o->node_id);
+            ok = parse_long(optarg, 1, LSS_UNCONFIGURED, "id", &o->node_id);
             break;
         case 'c':
             o->can = optarg;
@@ -109,17 +144,59 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 's':
             ok = parse_long(optarg, 100, 600000, "stall-timeout-ms", &o->stall_timeout_ms);
             break;
+        case 'f':
+            o->free_running = true;
+            break;
+        case 'S':
+            ok = parse_long(optarg, 0, UINT32_MAX, "serial", &serial);
+            break;
+        case 'P':
+            o->alone.parameters = optarg;
+            break;
+        case 'R':
+            o->alone.referenced = true;
+            break;
+        case 'T':
+            ok = parse_long(optarg, -2730, 32767, "temperature-dC", &temperature_dC);
+            break;
+        case 'I':
+            ok = parse_double(optarg, 1e-6, "inertia", &joint->inertia_kg_m2);
+            break;
+        case 'V':
+            ok = parse_double(optarg, 0.0, "viscous-friction", &joint->viscous_Nm_s);
+            break;
+        case 'C':
+            ok = parse_double(optarg, 0.0, "coulomb-friction", &joint->coulomb_Nm);
+            break;
+        case 'K':
+            ok = parse_double(optarg, 1e-6, "torque-constant", &joint->torque_constant_Nm_A);
+            break;
+        case 'X':
+            ok = parse_double(optarg, -1e6, "index-rad", &joint->index_rad);
+            break;
         default:
             ok = false;
             break;
         }
     }
-    if (ok && (o->node_id == 0 || optind != argc)) {
-        (void)fprintf(stderr, "usage: motor_node --id 1|2|3 [--can IF] [--plant-url URL] "
-                              "[--joint-ticks N] [--increments-per-revolution N] "
-                              "[--stall-timeout-ms N]\n");
+    const long highest_id = o->free_running ? NODE_ID_MAX : JOINT_COUNT;
+    const bool unconfigured = o->free_running && o->node_id == LSS_UNCONFIGURED;
+    if (ok && (o->node_id == 0 || (o->node_id > highest_id && !unconfigured) || optind != argc)) {
+        (void)fprintf(stderr,
+                      "usage: motor_node --id 1|2|3 [--can IF] [--plant-url URL] "
+                      "[--joint-ticks N] [--increments-per-revolution N] "
+                      "[--stall-timeout-ms N]\n"
+                      "       motor_node --id 1..127|255 --free-running [--can IF] [--serial N] "
+                      "[--parameters FILE] [--referenced] [--temperature-dC N] [--inertia X] "
+                      "[--viscous-friction X] [--coulomb-friction X] "
+                      "[--torque-constant X] [--index-rad X]\n");
         ok = false;
     }
+    o->alone.node_id = (uint8_t)o->node_id;
+    o->alone.serial_number = serial != 0 ? (uint32_t)serial : (uint32_t)o->node_id;
+    o->alone.can = o->can;
+    o->alone.temperature_dC = (int16_t)temperature_dC;
+    joint->increments_per_revolution = (uint32_t)o->increments_per_revolution;
     return ok;
 }
 
@@ -241,7 +318,10 @@ int main(int argc, char **argv) {
     if (!parse_options(argc, argv, &rig.options)) {
         return EXIT_USAGE;
     }
-    stop_signal_install(true);
+    stop_signal_install(!rig.options.free_running);
+    if (rig.options.free_running) {
+        return free_running(&rig.options.alone);
+    }
     rig.config = (motor_node_config_t){.node_id = (uint8_t)rig.options.node_id,
                                        .serial_number = (uint32_t)rig.options.node_id,
                                        .referenced = true};

@@ -11,10 +11,10 @@
 extern "C" {
 #endif
 
-#define NODE_FILTERS_COUNT 8U
+#define NODE_FILTERS_COUNT 11U
 
-/** Fills filters for node_id 1..127. They also pass the node's own EMCY and heartbeat identifiers,
- * which a socket never receives from itself, and 700h, which is no node's heartbeat. */
+/** Fills filters for node_id 1..127 or 255 (LSS alone). They also pass what the node itself sends,
+ * which a socket never receives from itself. The last one also passes 700h, which nobody sends. */
 void node_filters(uint8_t node_id, can_socket_filter_t filters[NODE_FILTERS_COUNT]);
 
 #ifdef __cplusplus

@@ -1,0 +1,218 @@
+#include "node/parameter_store.h"
+
+#include <string.h>
+
+#include "od/od_access.h"
+
+/*
+ * A copy, little endian: magic u32, sequence u32, count u16, node-id u8, 0; count records of
+ * index u16, subindex u8, 0, value u32; CRC-32 (IEEE 802.3) of all before it.
+ */
+#define MAGIC 0x50434946U
+#define HEADER_BYTES 12U
+#define RECORD_BYTES 8U
+#define CRC_BYTES 4U
+#define RECORDS_MAX ((PARAMETER_STORE_COPY_BYTES - HEADER_BYTES - CRC_BYTES) / RECORD_BYTES)
+#define COPIES 2U
+
+typedef struct {
+    bool whole;
+    uint8_t node_id;
+    uint16_t count;
+    uint32_t sequence;
+} copy_t;
+
+typedef struct {
+    const parameter_memory_t *memory;
+    uint8_t copy;
+    size_t offset;
+    uint32_t crc;
+    bool ok;
+} writer_t;
+
+static void put_u32(uint32_t value, uint8_t *data) {
+    data[0] = (uint8_t)value;
+    data[1] = (uint8_t)(value >> 8);
+    data[2] = (uint8_t)(value >> 16);
+    data[3] = (uint8_t)(value >> 24);
+}
+
+static uint32_t get_u32(const uint8_t *data) {
+    return (uint32_t)data[0] | ((uint32_t)data[1] << 8) | ((uint32_t)data[2] << 16) |
+           ((uint32_t)data[3] << 24);
+}
+
+static uint16_t get_u16(const uint8_t *data) {
+    return (uint16_t)(data[0] | (data[1] << 8));
+}
+
+static uint32_t crc_of(const uint8_t *data, size_t size, uint32_t crc) {
+    uint32_t register_ = ~crc;
+    for (size_t i = 0; i < size; i++) {
+        register_ ^= data[i];
+        for (int bit = 0; bit < 8; bit++) {
+            register_ = (register_ >> 1) ^ ((register_ & 1U) != 0U ? 0xEDB88320U : 0U);
+        }
+    }
+    return ~register_;
+}
+
+bool parameter_store_has(const od_entry_t *entry) {
+    switch (entry->index) {
+    case OD_PRE_DEFINED_ERROR_FIELD:
+    case OD_STORE_PARAMETERS:
+    case OD_RESTORE_DEFAULT_PARAMETERS:
+    case OD_SENSOR_SOURCE: /* of a bench: power-on finds the real encoder and clock */
+    case OD_TIME_BASE:
+    case OD_INJECTED_SENSORS:
+    case OD_CONTROLWORD:
+    case OD_MODES_OF_OPERATION:
+    case OD_TARGET_POSITION:
+    case OD_TARGET_TORQUE:
+    case OD_MAX_TORQUE:
+        return false;
+    default:
+        return entry->access == OD_RW;
+    }
+}
+
+/* --- reading */
+
+static copy_t inspect(const parameter_memory_t *memory, uint8_t number) {
+    copy_t copy = {0};
+    uint8_t data[HEADER_BYTES];
+    if (!memory->read(memory->context, number, 0, data, HEADER_BYTES) || get_u32(data) != MAGIC) {
+        return copy;
+    }
+    copy.sequence = get_u32(&data[4]);
+    copy.count = get_u16(&data[8]);
+    copy.node_id = data[10];
+    if (copy.count > RECORDS_MAX) {
+        return copy;
+    }
+    uint32_t crc = crc_of(data, HEADER_BYTES, 0);
+    size_t offset = HEADER_BYTES;
+    for (uint16_t i = 0; i < copy.count; i++) {
+        if (!memory->read(memory->context, number, offset, data, RECORD_BYTES)) {
+            return copy;
+        }
+        crc = crc_of(data, RECORD_BYTES, crc);
+        offset += RECORD_BYTES;
+    }
+    copy.whole =
+        memory->read(memory->context, number, offset, data, CRC_BYTES) && get_u32(data) == crc;
+    return copy;
+}
+
+/** Number of the newest whole copy; COPIES when there is none. */
+static uint8_t newest(const parameter_memory_t *memory, copy_t *copy) {
+    const copy_t copies[COPIES] = {inspect(memory, 0), inspect(memory, 1)};
+    if (!copies[0].whole && !copies[1].whole) {
+        memset(copy, 0, sizeof *copy);
+        return COPIES;
+    }
+    const bool second_is_newer = (copies[1].sequence - copies[0].sequence) < 0x80000000U;
+    const uint8_t number = copies[1].whole && (!copies[0].whole || second_is_newer) ? 1U : 0U;
+    *copy = copies[number];
+    return number;
+}
+
+static void take(const uint8_t *record, object_dictionary_t *od) {
+    const od_entry_t *entry = NULL;
+    const uint32_t value = get_u32(&record[4]);
+    if (od_find(get_u16(record), record[2], &entry) == SDO_ABORT_NONE &&
+        parameter_store_has(entry) && od_check_range(entry, value) == SDO_ABORT_NONE) {
+        od_write(entry, value, od);
+    }
+}
+
+bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t *od,
+                          uint8_t *node_id) {
+    copy_t copy;
+    uint8_t record[RECORD_BYTES];
+    const uint8_t number = newest(memory, &copy);
+    if (number == COPIES) {
+        return false;
+    }
+    for (uint16_t i = 0; i < copy.count; i++) {
+        if (memory->read(memory->context, number, HEADER_BYTES + i * RECORD_BYTES, record,
+                         RECORD_BYTES)) {
+            take(record, od);
+        }
+    }
+    *node_id = copy.node_id;
+    return true;
+}
+
+/* --- writing */
+
+static void put(const uint8_t *data, size_t size, writer_t *writer) {
+    const parameter_memory_t *memory = writer->memory;
+    writer->ok =
+        writer->ok && memory->write(memory->context, writer->copy, writer->offset, data, size);
+    writer->crc = crc_of(data, size, writer->crc);
+    writer->offset += size;
+}
+
+static void put_values(const object_dictionary_t *od, writer_t *writer) {
+    for (size_t i = 0; i < OD_ENTRY_COUNT; i++) {
+        const od_entry_t *entry = &object_dictionary_entries[i];
+        if (parameter_store_has(entry)) {
+            uint8_t record[RECORD_BYTES] = {(uint8_t)entry->index, (uint8_t)(entry->index >> 8),
+                                            entry->subindex};
+            put_u32(od_read(od, entry), &record[4]);
+            put(record, RECORD_BYTES, writer);
+        }
+    }
+}
+
+static void put_kept(uint8_t from, uint16_t count, writer_t *writer) {
+    const parameter_memory_t *memory = writer->memory;
+    uint8_t record[RECORD_BYTES];
+    for (uint16_t i = 0; i < count; i++) {
+        writer->ok =
+            writer->ok && memory->read(memory->context, from, HEADER_BYTES + i * RECORD_BYTES,
+                                       record, RECORD_BYTES);
+        if (writer->ok) {
+            put(record, RECORD_BYTES, writer);
+        }
+    }
+}
+
+static uint16_t values(void) {
+    uint16_t count = 0;
+    for (size_t i = 0; i < OD_ENTRY_COUNT; i++) {
+        count = (uint16_t)(count + (parameter_store_has(&object_dictionary_entries[i]) ? 1U : 0U));
+    }
+    return count;
+}
+
+bool parameter_store_save(const parameter_memory_t *memory, parameter_source_t source,
+                          const object_dictionary_t *od, uint8_t node_id) {
+    copy_t before;
+    const uint8_t from = newest(memory, &before);
+    const uint16_t count = source == PARAMETER_STORE_VALUES ? values()
+                           : source == PARAMETER_STORE_KEPT ? before.count
+                                                            : 0U;
+    writer_t writer = {.memory = memory, .copy = from == 0U ? 1U : 0U};
+    uint8_t header[HEADER_BYTES] = {0};
+    uint8_t crc[CRC_BYTES];
+    put_u32(MAGIC, header);
+    put_u32(before.sequence + 1U, &header[4]);
+    header[8] = (uint8_t)count;
+    header[9] = (uint8_t)(count >> 8);
+    header[10] = node_id;
+
+    writer.ok = count <= RECORDS_MAX && memory->erase(memory->context, writer.copy);
+    put(header, HEADER_BYTES, &writer);
+    if (source == PARAMETER_STORE_VALUES) {
+        put_values(od, &writer);
+    } else if (source == PARAMETER_STORE_KEPT) {
+        put_kept(from, count, &writer);
+    } else {
+        /* defaults: no records */
+    }
+    put_u32(writer.crc, crc);
+    put(crc, CRC_BYTES, &writer);
+    return writer.ok;
+}

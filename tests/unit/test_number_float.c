@@ -1,0 +1,58 @@
+/* What only floats can be: not a number, and infinite. */
+#include "unity.h"
+
+#include "control/number.h"
+#include "control/torque_guard.h"
+
+static torque_guard_input_t input;
+static float nan_Nm;
+static float infinity_Nm;
+
+void setUp(void) {
+    const float zero = 0.0f;
+    const torque_guard_input_t free_motion = {
+        .torque_Nm = 3.0f,
+        .torque_limit_Nm = 20.0f,
+        .ramp_ppm = TORQUE_GUARD_RAMP_FULL,
+        .torque_max_Nm = 8.0f,
+        .f_max_Nm = 2.0f,
+        .position_min_inc = -1000,
+        .position_max_inc = 1000,
+    };
+    nan_Nm = zero / zero;
+    infinity_Nm = 1.0f / zero;
+    input = free_motion;
+}
+void tearDown(void) {}
+
+static void expect(int16_t torque_mNm, uint16_t reasons) {
+    const torque_guard_output_t output = torque_guard(&input);
+    TEST_ASSERT_EQUAL_INT16(torque_mNm, output.torque_mNm);
+    TEST_ASSERT_EQUAL_HEX16(reasons, output.reasons);
+}
+
+void test_not_a_number_leaves_as_zero(void) {
+    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(nan_Nm));
+}
+
+void test_the_guard_takes_not_a_number_as_zero(void) {
+    float *const values[] = {&input.torque_Nm, &input.torque_limit_Nm, &input.torque_max_Nm,
+                             &input.f_max_Nm};
+    for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
+        setUp();
+        *values[i] = nan_Nm;
+        expect(0, LIMIT_REASON_NOT_A_NUMBER);
+    }
+}
+
+void test_the_guard_cuts_infinity(void) {
+    input.torque_Nm = infinity_Nm;
+    expect(8000, LIMIT_REASON_TORQUE_MAX);
+}
+
+void test_rounding_happens_once(void) {
+    /* The float below half a mN m: adding 0.5 to its 1000-fold would give 1. */
+    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(0.00049999997f));
+    TEST_ASSERT_EQUAL_INT16(1, torque_to_mNm(0.0005f));
+    TEST_ASSERT_EQUAL_INT16(3, torque_to_mNm(0.0025f));
+}
