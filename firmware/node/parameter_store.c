@@ -130,16 +130,19 @@ bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t 
                           uint8_t *node_id) {
     copy_t copy;
     uint8_t record[RECORD_BYTES];
+    object_dictionary_t loaded = *od;
     const uint8_t number = newest(memory, &copy);
     if (number == COPIES) {
         return false;
     }
     for (uint16_t i = 0; i < copy.count; i++) {
-        if (memory->read(memory->context, number, HEADER_BYTES + i * RECORD_BYTES, record,
-                         RECORD_BYTES)) {
-            take(record, od);
+        if (!memory->read(memory->context, number, HEADER_BYTES + i * RECORD_BYTES, record,
+                          RECORD_BYTES)) {
+            return false; /* a part of the set would be a mixture */
         }
+        take(record, &loaded);
     }
+    *od = loaded;
     *node_id = copy.node_id;
     return true;
 }

@@ -40,7 +40,8 @@ typedef enum {
 /** Is this entry part of the configuration that is stored? */
 bool parameter_store_has(const od_entry_t *entry);
 
-/** Sets the stored values and *node_id; false, and nothing changed, when no copy is whole. */
+/** Sets the stored values and *node_id; false, and nothing changed, when no copy is whole or the
+ * memory fails. */
 bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t *od,
                           uint8_t *node_id);
 

@@ -165,4 +165,10 @@ void test_frames_of_other_lengths_and_commands_are_passed_over(void) {
     TEST_ASSERT_EQUAL_INT(LSS_SILENT, simple(0x04, 2));
     TEST_ASSERT_EQUAL_INT(LSS_SILENT, simple(0x00, 0));
     TEST_ASSERT_FALSE(lss.configuring);
+    TEST_ASSERT_EQUAL_INT(LSS_SILENT, simple(0x04, 0)); /* waits already */
+    (void)simple(0x04, 1);
+    TEST_ASSERT_EQUAL_INT(LSS_SILENT, simple(0x04, 1)); /* configures already */
+    TEST_ASSERT_EQUAL_INT(LSS_SILENT, simple(0x59, 0)); /* beside the inquiries */
+    TEST_ASSERT_EQUAL_INT(LSS_SILENT, simple(0x5F, 0));
+    TEST_ASSERT_TRUE(lss.configuring);
 }

@@ -75,6 +75,24 @@ void test_own_node_id_heard_twice_is_one_fault(void) {
     TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.pre_defined_error_field_number_of_errors);
 }
 
+void test_own_node_id_is_told_before_the_node_falls_silent(void) {
+    const uint8_t data[8] = {0};
+    rig_write(0x1015, 0, 2, 50); /* 5 ms between emergencies */
+    rig_start();
+    rig_send(0x202, 3, data); /* RPDO1, too short: 8210h */
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(0x8210, rig_emergency());
+    rig_send(0x182, 8, data);
+    for (int i = 1; i < 5; i++) {
+        rig_step();
+        TEST_ASSERT_EQUAL_HEX16(0, rig_emergency());
+        TEST_ASSERT_EQUAL_INT(NMT_OPERATIONAL, rig.node.nmt);
+    }
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(0x8100, rig_emergency());
+    TEST_ASSERT_EQUAL_INT(NMT_STOPPED, rig.node.nmt);
+}
+
 /* --- emergencies and heartbeats of others */
 
 void test_emergency_too_short_for_a_code_is_none(void) {
@@ -242,8 +260,9 @@ void test_set_values_do_not_touch_verify_configuration(void) {
         uint8_t subindex;
         uint8_t size;
         uint32_t value;
-    } writes[] = {{0x1003, 0, 1, 0}, {0x6040, 0, 2, 0}, {0x607A, 0, 4, 1},
-                  {0x6071, 0, 2, 1}, {0x6072, 0, 2, 1}, {0x1020, 2, 4, 3}};
+    } writes[] = {{0x1003, 0, 1, 0}, {0x6040, 0, 2, 0},         {0x607A, 0, 4, 1},
+                  {0x6071, 0, 2, 1}, {0x6072, 0, 2, 1},         {0x1020, 2, 4, 3},
+                  {0x2F02, 1, 4, 5}, {0x1011, 1, 4, 0x64616F6C}};
     rig_step();
     expect_abort(0, 0x1020, 1, 4, 77);
     for (size_t i = 0; i < sizeof writes / sizeof writes[0]; i++) {

@@ -137,6 +137,52 @@ void test_home_beyond_the_range_of_positions_fails(void) {
     TEST_ASSERT_FALSE(rig.node.referenced);
 }
 
+static void expect_home_fails(int32_t encoder_inc, int32_t index_inc, uint32_t home_inc) {
+    setUp();
+    rig.input.position_inc = encoder_inc;
+    rig_write(0x6098, 0, 1, 34);
+    rig_start();
+    rig_write(0x607C, 0, 4, home_inc);
+    rig_control(0x06, 6);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycles(2);
+    rig_control(0x1F, 0);
+    rig_cycles(2);
+    rig.input.index_seen = true;
+    rig.input.index_position_inc = index_inc;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT(HOMING_FAILED, rig.node.homing.phase);
+    TEST_ASSERT_FALSE(rig.node.referenced);
+    TEST_ASSERT_EQUAL_INT32(encoder_inc, rig.node.od.position_actual_value);
+}
+
+void test_no_end_of_the_range_is_passed_by_homing(void) {
+    expect_home_fails(-5000, -100, INT32_MAX);   /* offset */
+    expect_home_fails(5000, 100, 0x80000000U);   /* offset */
+    expect_home_fails(5000, 100, INT32_MAX);     /* position: 4900 beyond home */
+    expect_home_fails(-5000, -100, 0x80000000U); /* position: 4900 before home */
+}
+
+void test_a_halted_drive_does_not_begin_to_search(void) {
+    start_homing(34);
+    rig_control(0x10F, 0); /* interrupted and halted */
+    rig_cycles(2);
+    rig_control(0x11F, 0);
+    rig_cycles(2);
+    TEST_ASSERT_EQUAL_INT(HOMING_INTERRUPTED, rig.node.homing.phase);
+}
+
+void test_a_fault_interrupts_the_search(void) {
+    start_homing(34);
+    follow(30);
+    rig_nmt(128); /* 6007h */
+    rig_step();
+    TEST_ASSERT_EQUAL_INT(DRIVE_FAULT_REACTION_ACTIVE, rig.node.drive.state);
+    TEST_ASSERT_EQUAL_INT(HOMING_INTERRUPTED, rig.node.homing.phase);
+    TEST_ASSERT_EQUAL_INT16(0, rig.output.torque_mNm); /* held where it is */
+}
+
 void test_injected_index_flag(void) {
     rig_write(0x2F00, 0, 1, 1);
     rig_write(0x6098, 0, 1, 34);

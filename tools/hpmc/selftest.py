@@ -37,6 +37,10 @@ PYTEST = [
 FIXED_TESTS = "tests/tools/test_fixed.py"
 
 
+QUALITY = [sys.executable, "-m", "hpmc.quality"]
+CORE = ("control", "canopen", "cia402", "od", "node")  # folders of the firmware but its ports
+
+
 @dataclass(frozen=True)
 class Step:
     """One command of the test run."""
@@ -84,6 +88,13 @@ def steps() -> list[Step]:
         for file in sorted((ROOT / folder).rglob("*"))
         if file.suffix in {".c", ".h", ".cpp"}
     ]
+    coverage, coverage_fixed = preset("coverage", 1), preset("coverage-fixed", 1)
+    counted = [str(BUILD / "coverage"), str(BUILD / "coverage-fixed")]
+    checked = [
+        source
+        for source in sources
+        if source.startswith(tuple(f"firmware/{name}/" for name in CORE)) and source.endswith(".c")
+    ]
     return [
         Step(
             "build", "everything, by gcc, warnings as errors", [configure, build], 900,
@@ -125,6 +136,33 @@ def steps() -> list[Step]:
               "--cache-dir", str(BUILD / "ruff_cache"), "tools", "tests"]], 60,
             "some are mended by: build/venv/bin/ruff check --fix --config tools/pyproject.toml "
             "tools tests",
+        ),
+        Step(
+            "coverage", "lines and branches of the firmware that its C tests reach, by gcovr",
+            [*coverage[:2], *coverage_fixed[:2], [*QUALITY, "forget-coverage", *counted],
+             coverage[2], coverage_fixed[2], [*QUALITY, "coverage", *counted]], 300,
+            "write the test, or justify the branch in tests/quality/uncovered.toml",
+        ),
+        Step(
+            "cppcheck", "firmware and host by cppcheck; the firmware's headers are described",
+            [[*QUALITY, "cppcheck", "firmware", "sim_host", "tests/unit", "tests/host"],
+             [*QUALITY, "headers"]], 60,
+            "exceptions stand beside the code: /* cppcheck-suppress id ; reason */",
+        ),
+        Step(
+            "tidy", "firmware by clang-tidy",
+            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 120,
+            "exceptions stand beside the code: /* NOLINTNEXTLINE(check): reason */",
+            after="build",
+        ),
+        Step(
+            "misra", "firmware beside MISRA C:2012, by cppcheck's addon",
+            [[*QUALITY, "misra"]], 120,
+            "deviations, with reasons, stand in tests/quality/misra.toml",
+        ),
+        Step(
+            "quality", "these checks find faults that are put in", [[*PYTEST, "tests/quality"]],
+            120, "one test alone: build/venv/bin/python -m pytest tests/quality -k NAME",
         ),
         Step(
             "tools", "Python tests of the tools",
