@@ -13,11 +13,19 @@ void emcy_init(emcy_t *emcy) {
 }
 
 static uint8_t register_bits(emcy_code_t code) {
-    const uint8_t kind =
-        ((uint32_t)code & 0xFF00U) == 0x8100U || ((uint32_t)code & 0xFF00U) == 0x8200U
-            ? ERROR_REGISTER_COMMUNICATION
-            : ERROR_REGISTER_DRIVE;
-    return (uint8_t)(kind | ERROR_REGISTER_GENERIC);
+    switch ((uint32_t)code & 0xFF00U) {
+    case 0x2300U:
+        return ERROR_REGISTER_GENERIC | ERROR_REGISTER_CURRENT;
+    case 0x4300U:
+        return ERROR_REGISTER_GENERIC | ERROR_REGISTER_TEMPERATURE;
+    case 0x6000U:
+        return ERROR_REGISTER_GENERIC;
+    case 0x8100U:
+    case 0x8200U:
+        return ERROR_REGISTER_GENERIC | ERROR_REGISTER_COMMUNICATION;
+    default:
+        return ERROR_REGISTER_GENERIC | ERROR_REGISTER_DRIVE;
+    }
 }
 
 static void push(uint16_t code, uint8_t error_register, uint8_t source, int32_t detail,

@@ -1,8 +1,8 @@
 /**
  * Emergency producer (CiA 301, 7.2.7): error register 1001h, history 1003h, inhibit time 1015h.
  *
- * A frame carries the error code (2 bytes), the error register, the source (node-id or PDO number,
- * else 0) and a detail (i32, for instance the position). Little endian.
+ * A frame carries the error code (2 bytes), the error register, the source (node-id, PDO number or
+ * kind of encoder fault, else 0) and a detail (i32, for instance the position). Little endian.
  */
 #ifndef EMCY_H
 #define EMCY_H
@@ -19,9 +19,13 @@
 /** Error codes (CiA 301, 7.2.7.1; CiA 402-2). */
 typedef enum {
     EMCY_NO_ERROR = 0x0000,
+    EMCY_OVER_CURRENT = 0x2310,
+    EMCY_OVER_TEMPERATURE = 0x4310,
+    EMCY_SUPERVISOR_RESET = 0x6010,
     EMCY_ENCODER = 0x7305,
     EMCY_OWN_NODE_ID = 0x8100,
     EMCY_HEARTBEAT = 0x8130,
+    EMCY_BUS_OFF = 0x8140,
     EMCY_PDO_TOO_SHORT = 0x8210,
     EMCY_PDO_TOO_LONG = 0x8220,
     EMCY_SYNC_LENGTH = 0x8240,
@@ -34,6 +38,8 @@ typedef enum {
 
 /** Bits of the error register 1001h. */
 #define ERROR_REGISTER_GENERIC 0x01U
+#define ERROR_REGISTER_CURRENT 0x02U
+#define ERROR_REGISTER_TEMPERATURE 0x08U
 #define ERROR_REGISTER_COMMUNICATION 0x10U
 #define ERROR_REGISTER_DRIVE 0x20U
 

@@ -79,6 +79,10 @@ void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
     reset_communication(config, node);
     drive_init(&node->drive);
     node->referenced = config->referenced;
+    node->clock_fallback = config->clock_fallback;
+    if (config->supervisor_reset) {
+        emcy_report(EMCY_SUPERVISOR_RESET, 0, 0, &node->od, &node->emcy);
+    }
 }
 
 static void send(const can_frame_t *frame, motor_node_t *node) {
@@ -409,6 +413,29 @@ static bool receive_all(const motor_node_config_t *config, const motor_node_inpu
     return sync;
 }
 
+/** While the controller is off the bus nothing is sent; the emergency goes out when it is back. */
+static void follow_bus(bool bus_off, motor_node_t *node) {
+    if (bus_off && !node->bus_off) {
+        if (drive_has_output(&node->drive)) {
+            node_drive_fault(EMCY_BUS_OFF, 0, 0, true, node);
+        } else {
+            emcy_report(EMCY_BUS_OFF, 0, 0, &node->od, &node->emcy);
+        }
+    }
+    node->bus_off = bus_off;
+}
+
+static void sample_current(const motor_node_input_t *input, motor_node_t *node) {
+    object_dictionary_t *od = &node->od;
+    const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
+    const uint64_t thousandths = (uint64_t)input->current_mA * 1000U / rated_mA;
+    node->current_mA = input->current_mA;
+    node->mean_square_mA2 =
+        derating_mean_square(node->mean_square_mA2, input->current_mA,
+                             od->derating_current_time_ms * 1000U, input->elapsed_us);
+    od->current_actual_value = thousandths > INT16_MAX ? INT16_MAX : (int16_t)thousandths;
+}
+
 static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
     const bool injected = od->sensor_source != 0U;
@@ -421,6 +448,7 @@ static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) 
     node->index_seen =
         injected ? (od->injected_sensors_flags & INJECTED_INDEX) != 0U : input->index_seen;
     node->index_encoder_inc = injected ? encoder : input->index_position_inc;
+    node_drive_supervise_encoder(encoder, input->elapsed_us, node);
     const int64_t position = (int64_t)encoder + node->offset_inc;
     od->position_actual_value = position > INT32_MAX   ? INT32_MAX
                                 : position < INT32_MIN ? INT32_MIN
@@ -472,6 +500,9 @@ static void produce(bool sync, uint32_t elapsed_us, motor_node_t *node,
 
 static void transmit(bool sync, uint32_t elapsed_us, motor_node_t *node,
                      motor_node_output_t *output) {
+    if (node->bus_off) {
+        return;
+    }
     if (node->node_id != LSS_UNCONFIGURED) {
         produce(sync, elapsed_us, node, output);
     }
@@ -503,12 +534,15 @@ void motor_node_step(const motor_node_config_t *config, motor_node_t *node,
     if (lost != 0U) {
         lose_heartbeat(lost, node);
     }
+    follow_bus(input->bus_off, node);
+    sample_current(input, node);
     sample_sensors(input, node);
     node_drive_supervise(input->elapsed_us, node);
     node_drive_tick(input->elapsed_us, node);
     transmit(sync, input->elapsed_us, node, output);
     if (node->own_id_heard && node->emcy.count == 0U && node->nmt != NMT_STOPPED) {
         const nmt_state_t before = node->nmt;
+        node->own_id_heard = false; /* the master may bring the node back; it will stop again */
         node->nmt = NMT_STOPPED;
         follow_nmt(before, node);
     }

@@ -30,6 +30,7 @@
 #include "cia402/homing.h"
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
+#include "node/derating.h"
 #include "node/parameter_store.h"
 #include "od/object_dictionary.h"
 
@@ -43,6 +44,8 @@ typedef struct {
     uint8_t node_id;        /**< at power-on unless one is stored: 1..127, or LSS_UNCONFIGURED */
     uint32_t serial_number; /**< 1018h:04, unique */
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
+    bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
+    bool clock_fallback;    /**< on the internal oscillator: enabling is refused */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
 } motor_node_config_t;
 
@@ -51,6 +54,8 @@ typedef struct {
     int32_t position_inc;       /**< encoder, used unless 2F00h says injected */
     int16_t temperature_dC;     /**< 0.1 degree Celsius, used unless injected */
     bool index_seen;            /**< the encoder's index pulse has passed since the last step */
+    uint32_t current_mA;        /**< of the motor, its size */
+    bool bus_off;               /**< the CAN controller is off the bus; it recovers by itself */
     int32_t index_position_inc; /**< of the encoder, captured at the pulse */
     const can_frame_t *frames;  /**< in order of arrival; may be NULL when frame_count is 0 */
     size_t frame_count;         /**< 0..MOTOR_NODE_RX_MAX */
@@ -72,6 +77,7 @@ typedef struct {
 #define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
+#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator */
 
 /** Modes of operation (6060h). */
 #define MODE_FRACTAL_IMPEDANCE (-1)
@@ -112,10 +118,21 @@ typedef struct {
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */
-    bool index_seen;            /**< in this step */
+    bool encoder_known;         /**< encoder_inc is of the step before */
+    int32_t encoder_inc;
+    uint32_t since_encoder_us; /**< since it last changed */
+    uint32_t stuck_us;
+    bool index_referenced; /**< index_home_inc is a place of the index pulse */
+    int32_t index_home_inc;
+    bool index_seen; /**< in this step */
     int32_t index_encoder_inc;
     homing_t homing;
-    bool moving; /**< by at least an increment in the last interval of the speed */
+    int8_t moving;      /**< direction of motion in the last interval of the speed, 0 = at rest */
+    uint32_t speed_ppm; /**< of 6080h, in that interval */
+    bool bus_off;
+    bool clock_fallback;
+    uint32_t current_mA;
+    uint64_t mean_square_mA2;
     bool outside_limits;
     int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
     uint32_t speed_since_us;

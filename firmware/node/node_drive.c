@@ -2,10 +2,18 @@
 
 #include "canopen/node_time.h"
 
+#define WAY_UNIT 60000000U /* revolutions per minute x us */
+
 /** Long enough to measure slow speeds with a coarse encoder, short enough to act. */
 #define SPEED_INTERVAL_us 10000U
 #define HOMING_START 0x0010U
 #define INJECTED_ENCODER_FAULT 0x02U
+
+/* Kinds of encoder fault, source of emergency 7305h. */
+#define ENCODER_JUMP 1U
+#define ENCODER_INDEX 2U
+#define ENCODER_STUCK 3U
+#define ENCODER_INJECTED 4U /* silent, or reported broken */
 
 static drive_options_t options_of(const object_dictionary_t *od) {
     const drive_options_t options = {
@@ -95,6 +103,9 @@ static uint16_t refusals(int8_t mode, const motor_node_t *node) {
     if (!node->position_known) {
         reasons |= LIMIT_REASON_NO_POSITION;
     }
+    if (node->clock_fallback) {
+        reasons |= LIMIT_REASON_CLOCK;
+    }
     if (mode != MODE_HOMING && (node->nmt != NMT_OPERATIONAL || !has_fresh_command(node))) {
         reasons |= LIMIT_REASON_NO_COMMAND;
     }
@@ -122,6 +133,7 @@ static void start(motor_node_t *node) {
     node->halted = false;
     node->ramp_ppm = 0;
     node->following_error_us = 0;
+    node->stuck_us = 0;
     node->speed_from_inc = node->od.position_actual_value;
     node->speed_since_us = 0;
 }
@@ -182,6 +194,7 @@ static void command_homing(bool wants, bool wanted, motor_node_t *node) {
             set_home(node->od.position_actual_value - node->offset_inc, node);
         } else {
             node->referenced = false;
+            node->index_referenced = false;
         }
     } else if (!wants && node->homing.phase == HOMING_SEARCHING) {
         node->homing.phase = HOMING_INTERRUPTED;
@@ -201,6 +214,8 @@ static void search_home(uint32_t elapsed_us, motor_node_t *node) {
         node->homing.phase = HOMING_INTERRUPTED;
     } else if (node->index_seen) {
         node->homing.phase = HOMING_ATTAINED;
+        node->index_referenced = true;
+        node->index_home_inc = node->index_encoder_inc;
         set_home(node->index_encoder_inc, node);
     } else {
         homing_step(&config, node->od.position_actual_value, elapsed_us, &node->homing);
@@ -308,20 +323,27 @@ static void supervise_command(uint32_t elapsed_us, motor_node_t *node) {
     }
 }
 
+/** In 1 / WAY_UNIT increments; below 2^62. */
+static uint64_t way_at_max_speed(uint32_t elapsed_us, const object_dictionary_t *od) {
+    return (uint64_t)od->max_motor_speed * od->position_encoder_resolution_encoder_increments *
+           elapsed_us;
+}
+
 static void supervise_speed(uint32_t elapsed_us, motor_node_t *node) {
     const object_dictionary_t *od = &node->od;
     node->speed_since_us = node_time_add(node->speed_since_us, elapsed_us);
     if (node->speed_since_us < SPEED_INTERVAL_us) {
         return;
     }
-    const uint64_t moved = distance(od->position_actual_value, node->speed_from_inc);
-    const uint64_t allowed = (uint64_t)od->max_motor_speed *
-                             od->position_encoder_resolution_encoder_increments *
-                             node->speed_since_us;
-    if (drive_has_output(&node->drive) && moved * 60000000U > allowed) {
-        node_drive_fault(EMCY_OVERSPEED, 0, od->position_actual_value, true, node);
+    const int32_t position = od->position_actual_value;
+    const uint64_t moved = distance(position, node->speed_from_inc);
+    const uint64_t allowed = way_at_max_speed(node->speed_since_us, od);
+    if (drive_has_output(&node->drive) && moved * WAY_UNIT > allowed) {
+        node_drive_fault(EMCY_OVERSPEED, 0, position, true, node);
     }
-    node->moving = moved != 0U;
+    node->moving = position > node->speed_from_inc ? 1 : position < node->speed_from_inc ? -1 : 0;
+    const uint64_t speed_ppm = moved * WAY_UNIT / (allowed / DERATING_FULL_ppm + 1U);
+    node->speed_ppm = speed_ppm > UINT32_MAX ? UINT32_MAX : (uint32_t)speed_ppm;
     node->speed_from_inc = od->position_actual_value;
     node->speed_since_us = 0;
 }
@@ -348,11 +370,75 @@ static void supervise_sensors(motor_node_t *node) {
     const bool silent = deadline != 0U && node->since_position_us >= deadline;
     const bool broken = (od->injected_sensors_flags & INJECTED_ENCODER_FAULT) != 0U;
     if (drive_has_output(&node->drive) && (silent || broken)) {
-        node_drive_fault(EMCY_ENCODER, 4, od->position_actual_value, false, node);
+        node_drive_fault(EMCY_ENCODER, ENCODER_INJECTED, od->position_actual_value, false, node);
+    }
+}
+
+static void encoder_fault(uint8_t kind, int32_t encoder_inc, motor_node_t *node) {
+    if (drive_has_output(&node->drive)) {
+        node_drive_fault(EMCY_ENCODER, kind, encoder_inc, false, node);
+    }
+}
+
+/** Twice the way at the highest speed since the count last changed, and the quantisation. */
+static bool has_jumped(int32_t encoder_inc, const motor_node_t *node) {
+    const uint64_t way = distance(encoder_inc, node->encoder_inc);
+    return way > 2U + way_at_max_speed(node->since_encoder_us, &node->od) / (WAY_UNIT / 2U);
+}
+
+static bool is_stuck(bool changed, uint32_t elapsed_us, motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    const int32_t torque_mNm = od->torque_actual_value;
+    const int32_t size_mNm = torque_mNm < 0 ? -torque_mNm : torque_mNm;
+    const int32_t percent = od->encoder_supervision_stuck_torque_percent;
+    const bool pushes =
+        percent != 0 && size_mNm != 0 && size_mNm * 100 >= od->fic_torque_limit_mNm * percent;
+    node->stuck_us = pushes && !changed ? node_time_add(node->stuck_us, elapsed_us) : 0U;
+    return node->stuck_us >= od->encoder_supervision_stuck_time_ms * 1000U;
+}
+
+/** An index pulse stands a whole number of revolutions from the one that the home is from. */
+static bool index_is_out_of_place(const motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    const uint64_t revolution = od->position_encoder_resolution_encoder_increments;
+    const uint64_t rest = distance(node->index_encoder_inc, node->index_home_inc) % revolution;
+    const uint64_t off = rest < revolution - rest ? rest : revolution - rest;
+    const uint32_t tolerance = od->encoder_supervision_index_tolerance_inc;
+    return node->index_seen && node->index_referenced && tolerance != 0U && off > tolerance;
+}
+
+void node_drive_supervise_encoder(int32_t encoder_inc, uint32_t elapsed_us, motor_node_t *node) {
+    const bool changed = !node->encoder_known || encoder_inc != node->encoder_inc;
+    node->since_encoder_us = node_time_add(node->since_encoder_us, elapsed_us);
+    if (node->encoder_known && has_jumped(encoder_inc, node)) {
+        encoder_fault(ENCODER_JUMP, encoder_inc, node);
+    }
+    if (is_stuck(changed, elapsed_us, node)) {
+        encoder_fault(ENCODER_STUCK, encoder_inc, node);
+    }
+    if (index_is_out_of_place(node)) {
+        encoder_fault(ENCODER_INDEX, node->index_encoder_inc, node);
+    }
+    node->since_encoder_us = changed ? 0U : node->since_encoder_us;
+    node->encoder_known = true;
+    node->encoder_inc = encoder_inc;
+}
+
+static void supervise_motor(motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    if (!drive_has_output(&node->drive)) {
+        return;
+    }
+    if (node->current_mA > od->derating_current_fault_mA) {
+        node_drive_fault(EMCY_OVER_CURRENT, 0, (int32_t)node->current_mA, false, node);
+    }
+    if (od->motor_temperature >= od->derating_temperature_fault_dC) {
+        node_drive_fault(EMCY_OVER_TEMPERATURE, 0, od->motor_temperature, true, node);
     }
 }
 
 void node_drive_supervise(uint32_t elapsed_us, motor_node_t *node) {
+    supervise_motor(node);
     supervise_sensors(node);
     supervise_command(elapsed_us, node);
     supervise_speed(elapsed_us, node);
@@ -409,6 +495,23 @@ static joint_controller_output_t ask(uint32_t elapsed_us, motor_node_t *node) {
     return asked;
 }
 
+static derating_output_t derate(torque_t torque_Nm, const motor_node_t *node) {
+    const object_dictionary_t *od = &node->od;
+    const int16_t torque_mNm = torque_to_mNm(torque_Nm);
+    const derating_input_t input = {
+        .temperature_dC = od->motor_temperature,
+        .temperature_begin_dC = od->derating_temperature_begin_dC,
+        .temperature_end_dC = od->derating_temperature_fault_dC,
+        .mean_square_mA2 = node->mean_square_mA2,
+        .rated_current_mA = od->motor_rated_current,
+        .speed_ppm = node->speed_ppm,
+        .speed_begin_ppm = od->derating_speed_begin_percent * 10000U,
+        .torque_accelerates =
+            (torque_mNm > 0 && node->moving > 0) || (torque_mNm < 0 && node->moving < 0),
+    };
+    return derating(&input);
+}
+
 static uint16_t status_of(bool close, const motor_node_t *node) {
     const object_dictionary_t *od = &node->od;
     const bool follows = drive_wants_output(&node->drive) && !node->halted;
@@ -419,7 +522,7 @@ static uint16_t status_of(bool close, const motor_node_t *node) {
     status |= node->outside_limits ? STATUSWORD_WARNING : 0U;
     status |= close ? STATUSWORD_TARGET_REACHED : 0U;
     status |= od->limit_reasons != 0U ? STATUSWORD_INTERNAL_LIMIT : 0U;
-    status |= homing ? homing_statusword(node->referenced, node->moving, &node->homing) : 0U;
+    status |= homing ? homing_statusword(node->referenced, node->moving != 0, &node->homing) : 0U;
     status |= follows && !homing ? STATUSWORD_FOLLOWS : 0U;
     status |= drive_has_output(&node->drive) && fractal && node->controller.fic.converging
                   ? STATUSWORD_CONVERGENCE
@@ -437,9 +540,11 @@ void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
     start_or_hold(node);
     if (drive_has_output(&node->drive)) {
         const joint_controller_output_t asked = ask(elapsed_us, node);
+        const derating_output_t derated = derate(asked.torque_Nm, node);
         const torque_guard_input_t guard = {
             .torque_Nm = asked.torque_Nm,
-            .torque_limit_Nm = node->control.torque_limit_Nm,
+            .torque_limit_Nm =
+                torque_part(node->control.torque_limit_Nm, derated.share_ppm, DERATING_FULL_ppm),
             .ramp_ppm = node->ramp_ppm,
             .torque_max_Nm = asked.torque_max_Nm,
             .f_max_Nm = asked.f_max_Nm,
@@ -450,6 +555,7 @@ void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
                 node->referenced ? od->software_position_limit_max_position_limit : INT32_MAX,
         };
         guarded = torque_guard(&guard);
+        guarded.reasons |= derated.reasons;
         guarded.reasons |= asked.limited ? LIMIT_REASON_TORQUE_LIMIT : 0U;
         guarded.reasons |= node->halted ? LIMIT_REASON_HALT : 0U;
         close = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE &&

@@ -24,7 +24,12 @@ void node_drive_fault(emcy_code_t code, uint8_t source, int32_t detail, bool ram
 /** NMT has left operational: what 6007h says. */
 void node_drive_connection_lost(motor_node_t *node);
 
-/** Monitors of the drive: command deadline, sensors, speed, following error, position limits. */
+/** Takes in the encoder's count of this step; a jump, a stuck encoder or an index pulse out of its
+ * place switches the torque off. */
+void node_drive_supervise_encoder(int32_t encoder_inc, uint32_t elapsed_us, motor_node_t *node);
+
+/** Monitors of the drive: temperature, current, command deadline, sensors, speed, following error,
+ * position limits. */
 void node_drive_supervise(uint32_t elapsed_us, motor_node_t *node);
 
 /** One joint tick: torque, statusword and limit reasons into the object dictionary. */

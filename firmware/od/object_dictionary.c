@@ -105,9 +105,19 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x2101U, 1U, OD_U16, OD_RW, AT(output_bound_ramp_up_ms), 0x1U, 0x2710U},
     {0x2101U, 2U, OD_U16, OD_RW, AT(output_bound_ramp_down_ms), 0x1U, 0x2710U},
     {0x2102U, 0U, OD_U8, OD_RW, AT(allowed_missed_sync), 0x0U, 0xFFU},
+    {0x2103U, 0U, OD_U8, OD_CONST, 0U, 0x3U, 0x3U},
+    {0x2103U, 1U, OD_U8, OD_RW, AT(encoder_supervision_stuck_torque_percent), 0x0U, 0x64U},
+    {0x2103U, 2U, OD_U16, OD_RW, AT(encoder_supervision_stuck_time_ms), 0x1U, 0xFFFFU},
+    {0x2103U, 3U, OD_U32, OD_RW, AT(encoder_supervision_index_tolerance_inc), 0x0U, 0xFFFFFFFFU},
     {0x2104U, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
     {0x2104U, 1U, OD_U16, OD_RW, AT(homing_torque_mNm), 0x1U, 0x7FFFU},
     {0x2104U, 2U, OD_U16, OD_RW, AT(homing_time_out_ms), 0x1U, 0xFFFFU},
+    {0x2105U, 0U, OD_U8, OD_CONST, 0U, 0x5U, 0x5U},
+    {0x2105U, 1U, OD_I16, OD_RW, AT(derating_temperature_begin_dC), 0xFFFF8000U, 0x7FFFU},
+    {0x2105U, 2U, OD_I16, OD_RW, AT(derating_temperature_fault_dC), 0xFFFF8000U, 0x7FFFU},
+    {0x2105U, 3U, OD_U16, OD_RW, AT(derating_current_time_ms), 0x1U, 0xFFFFU},
+    {0x2105U, 4U, OD_U32, OD_RW, AT(derating_current_fault_mA), 0x1U, 0x186A0U},
+    {0x2105U, 5U, OD_U8, OD_RW, AT(derating_speed_begin_percent), 0x0U, 0x63U},
     {0x2200U, 0U, OD_U16, OD_RO, AT(limit_reasons), 0x0U, 0xFFFFU},
     {0x2201U, 0U, OD_U8, OD_CONST, 0U, 0x9U, 0x9U},
     {0x2201U, 1U, OD_U16, OD_RO, AT(counters_missed_sync), 0x0U, 0xFFFFU},
@@ -146,6 +156,7 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x6075U, 0U, OD_U32, OD_RW, AT(motor_rated_current), 0x0U, 0xFFFFFFFFU},
     {0x6076U, 0U, OD_U32, OD_CONST, 0U, 0x3E8U, 0x3E8U},
     {0x6077U, 0U, OD_I16, OD_RO, AT(torque_actual_value), 0xFFFF8000U, 0x7FFFU},
+    {0x6078U, 0U, OD_I16, OD_RO, AT(current_actual_value), 0xFFFF8000U, 0x7FFFU},
     {0x607AU, 0U, OD_I32, OD_RW, AT(target_position), 0x80000000U, 0x7FFFFFFFU},
     {0x607CU, 0U, OD_I32, OD_RW, AT(home_offset), 0x80000000U, 0x7FFFFFFFU},
     {0x607DU, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
@@ -220,8 +231,16 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->output_bound_ramp_up_ms = 100U;
     od->output_bound_ramp_down_ms = 100U;
     od->allowed_missed_sync = 3U;
+    od->encoder_supervision_stuck_torque_percent = 80U;
+    od->encoder_supervision_stuck_time_ms = 500U;
+    od->encoder_supervision_index_tolerance_inc = 1024U;
     od->homing_torque_mNm = 1000U;
     od->homing_time_out_ms = 30000U;
+    od->derating_temperature_begin_dC = 1000;
+    od->derating_temperature_fault_dC = 1200;
+    od->derating_current_time_ms = 1000U;
+    od->derating_current_fault_mA = 20000U;
+    od->derating_speed_begin_percent = 90U;
     od->limit_reasons = 0U;
     od->counters_missed_sync = 0U;
     od->counters_duplicate_sync = 0U;
@@ -257,6 +276,7 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->max_torque = 0U;
     od->motor_rated_current = 1000U;
     od->torque_actual_value = 0;
+    od->current_actual_value = 0;
     od->target_position = 0;
     od->home_offset = 0;
     od->software_position_limit_min_position_limit = INT32_MIN;

@@ -12,10 +12,10 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0xB04D82F1U
-#define OD_PROTOCOL_HASH_TEXT "b04d82f1"
+#define OD_PROTOCOL_HASH 0x332FB8A9U
+#define OD_PROTOCOL_HASH_TEXT "332fb8a9"
 
-#define OD_ENTRY_COUNT 156U
+#define OD_ENTRY_COUNT 167U
 
 #define OD_DEVICE_TYPE 0x1000U
 #define OD_ERROR_REGISTER 0x1001U
@@ -51,7 +51,9 @@
 #define OD_FIC 0x2100U
 #define OD_OUTPUT_BOUND_RAMP 0x2101U
 #define OD_ALLOWED_MISSED_SYNC 0x2102U
+#define OD_ENCODER_SUPERVISION 0x2103U
 #define OD_HOMING 0x2104U
+#define OD_DERATING 0x2105U
 #define OD_LIMIT_REASONS 0x2200U
 #define OD_COUNTERS 0x2201U
 #define OD_MOTOR_TEMPERATURE 0x2202U
@@ -77,6 +79,7 @@
 #define OD_MOTOR_RATED_CURRENT 0x6075U
 #define OD_MOTOR_RATED_TORQUE 0x6076U
 #define OD_TORQUE_ACTUAL_VALUE 0x6077U
+#define OD_CURRENT_ACTUAL_VALUE 0x6078U
 #define OD_TARGET_POSITION 0x607AU
 #define OD_HOME_OFFSET 0x607CU
 #define OD_SOFTWARE_POSITION_LIMIT 0x607DU
@@ -168,8 +171,16 @@ typedef struct {
     uint16_t output_bound_ramp_up_ms; /**< 2101h:01, ms */
     uint16_t output_bound_ramp_down_ms; /**< 2101h:02, ms */
     uint8_t allowed_missed_sync; /**< 2102h:00 */
+    uint8_t encoder_supervision_stuck_torque_percent; /**< 2103h:01, % */
+    uint16_t encoder_supervision_stuck_time_ms; /**< 2103h:02, ms */
+    uint32_t encoder_supervision_index_tolerance_inc; /**< 2103h:03, inc */
     uint16_t homing_torque_mNm; /**< 2104h:01, mN m */
     uint16_t homing_time_out_ms; /**< 2104h:02, ms */
+    int16_t derating_temperature_begin_dC; /**< 2105h:01, 0.1 degC */
+    int16_t derating_temperature_fault_dC; /**< 2105h:02, 0.1 degC */
+    uint16_t derating_current_time_ms; /**< 2105h:03, ms */
+    uint32_t derating_current_fault_mA; /**< 2105h:04, mA */
+    uint8_t derating_speed_begin_percent; /**< 2105h:05, % */
     uint16_t limit_reasons; /**< 2200h:00 */
     uint16_t counters_missed_sync; /**< 2201h:01 */
     uint16_t counters_duplicate_sync; /**< 2201h:02 */
@@ -205,6 +216,7 @@ typedef struct {
     uint16_t max_torque; /**< 6072h:00, mN m */
     uint32_t motor_rated_current; /**< 6075h:00, mA */
     int16_t torque_actual_value; /**< 6077h:00, mN m */
+    int16_t current_actual_value; /**< 6078h:00, 0.1 % */
     int32_t target_position; /**< 607Ah:00, inc */
     int32_t home_offset; /**< 607Ch:00, inc */
     int32_t software_position_limit_min_position_limit; /**< 607Dh:01, inc */

@@ -37,8 +37,10 @@ SilRig::SilRig(const SilOptions &options, const RunConfig &config)
     }
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         const auto id = static_cast<std::uint8_t>(joint + 1);
-        nodes_[joint].config = {
-            .node_id = id, .serial_number = id, .referenced = true, .memory = nullptr};
+        motor_node_config_t &node = nodes_[joint].config;
+        node.node_id = id;
+        node.serial_number = id;
+        node.referenced = true;
         motor_node_init(&nodes_[joint].config, &nodes_[joint].device);
     }
 }

@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "b04d82f1";
+inline constexpr std::string_view kProtocolHash = "332fb8a9";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+b04d82f1";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+332fb8a9";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 
@@ -143,9 +143,19 @@ inline constexpr Entry kOutputBoundRampHighestSubIndexSupported{0x2101, 0, Type:
 inline constexpr Entry kOutputBoundRampUpMs{0x2101, 1, Type::kU16}; // ms
 inline constexpr Entry kOutputBoundRampDownMs{0x2101, 2, Type::kU16}; // ms
 inline constexpr Entry kAllowedMissedSync{0x2102, 0, Type::kU8};
+inline constexpr Entry kEncoderSupervisionHighestSubIndexSupported{0x2103, 0, Type::kU8};
+inline constexpr Entry kEncoderSupervisionStuckTorquePercent{0x2103, 1, Type::kU8}; // %
+inline constexpr Entry kEncoderSupervisionStuckTimeMs{0x2103, 2, Type::kU16}; // ms
+inline constexpr Entry kEncoderSupervisionIndexToleranceInc{0x2103, 3, Type::kU32}; // inc
 inline constexpr Entry kHomingHighestSubIndexSupported{0x2104, 0, Type::kU8};
 inline constexpr Entry kHomingTorqueMNm{0x2104, 1, Type::kU16}; // mN m
 inline constexpr Entry kHomingTimeOutMs{0x2104, 2, Type::kU16}; // ms
+inline constexpr Entry kDeratingHighestSubIndexSupported{0x2105, 0, Type::kU8};
+inline constexpr Entry kDeratingTemperatureBeginDC{0x2105, 1, Type::kI16}; // 0.1 degC
+inline constexpr Entry kDeratingTemperatureFaultDC{0x2105, 2, Type::kI16}; // 0.1 degC
+inline constexpr Entry kDeratingCurrentTimeMs{0x2105, 3, Type::kU16}; // ms
+inline constexpr Entry kDeratingCurrentFaultMA{0x2105, 4, Type::kU32}; // mA
+inline constexpr Entry kDeratingSpeedBeginPercent{0x2105, 5, Type::kU8}; // %
 inline constexpr Entry kLimitReasons{0x2200, 0, Type::kU16};
 inline constexpr Entry kCountersHighestSubIndexSupported{0x2201, 0, Type::kU8};
 inline constexpr Entry kCountersMissedSync{0x2201, 1, Type::kU16};
@@ -184,6 +194,7 @@ inline constexpr Entry kMaxTorque{0x6072, 0, Type::kU16}; // mN m
 inline constexpr Entry kMotorRatedCurrent{0x6075, 0, Type::kU32}; // mA
 inline constexpr Entry kMotorRatedTorque{0x6076, 0, Type::kU32}; // mN m
 inline constexpr Entry kTorqueActualValue{0x6077, 0, Type::kI16}; // mN m
+inline constexpr Entry kCurrentActualValue{0x6078, 0, Type::kI16}; // 0.1 %
 inline constexpr Entry kTargetPosition{0x607A, 0, Type::kI32}; // inc
 inline constexpr Entry kHomeOffset{0x607C, 0, Type::kI32}; // inc
 inline constexpr Entry kSoftwarePositionLimitHighestSubIndexSupported{0x607D, 0, Type::kU8};

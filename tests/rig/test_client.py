@@ -15,7 +15,7 @@ from pathlib import Path
 from hpmc.layout import ROOT, WITH_VCAN
 
 CLIENT = Path(__file__).parent / "client"
-LIMIT_S = 150.0
+LIMIT_S = 240.0  # of about 40 on a quiet machine
 
 
 def test_clients_on_a_virtual_bus(tmp_path: Path) -> None:
@@ -29,7 +29,7 @@ def test_clients_on_a_virtual_bus(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stdout[-20000:] + ran.stderr[-4000:]
     print(ran.stdout)
     passed = re.search(r"(\d+) passed", ran.stdout)
-    assert passed and int(passed[1]) >= 20, ran.stdout
+    assert passed and int(passed[1]) >= 55, ran.stdout
     decode(capture)
 
 

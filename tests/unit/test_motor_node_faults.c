@@ -381,8 +381,10 @@ void test_overspeed(void) {
         rig_cycle();
         cycles++;
     }
-    expect_ramp_to_fault(0x8400);
     TEST_ASSERT_TRUE(cycles <= 20);
+    rig.node.od.max_motor_speed = 600; /* else the step to come is a jump, and is derated */
+    rig.node.speed_ppm = 0;
+    expect_ramp_to_fault(0x8400);
 }
 
 void test_following_error(void) {
@@ -417,6 +419,90 @@ static void run_injected(void) {
     TEST_ASSERT_TRUE(rig.output.output_enabled);
 }
 
+void test_encoder_jump(void) {
+    rig_run();
+    rig.input.position_inc += 2 * 655 + 2; /* twice 600 rpm */
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+    rig.input.position_inc -= 2 * 655 + 3;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_UINT8(1, rig_sent(0x082)->data[3]);
+    expect_torque_off(0x7305);
+}
+
+void test_late_sensor_frames_are_no_jump(void) {
+    rig_run();
+    rig_cycles(3);
+    rig.input.position_inc += 4 * 2 * 655;
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+}
+
+void test_encoder_stuck_under_torque(void) {
+    rig_run();
+    rig.desired_inc = 5300; /* 4 N m of TA = 5 N m */
+    rig_cycles(500);
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+    rig.input.position_inc++; /* it does move */
+    rig_cycles(500);
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+    rig_cycle();
+    TEST_ASSERT_EQUAL_UINT8(3, rig_sent(0x082)->data[3]);
+    expect_torque_off(0x7305);
+}
+
+void test_a_blocked_joint_is_allowed_below_the_torque_or_when_switched_off(void) {
+    rig_write(0x2103, 1, 1, 81);
+    rig_run();
+    rig.desired_inc = 5300;
+    rig_cycles(2000);
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+    rig_init();
+    rig_write(0x2103, 1, 1, 0);
+    rig_run();
+    rig.desired_inc = 5300;
+    rig_cycles(2000);
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+}
+
+static void home_on_index(void) {
+    rig_write(0x6098, 0, 1, 34);
+    rig_start();
+    rig_control(0x06, 6);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycle();
+    rig_control(0x1F, 0);
+    rig_cycle();
+    rig.input.index_seen = true;
+    rig.input.index_position_inc = 5000;
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.node.referenced);
+}
+
+void test_index_pulse_out_of_its_place(void) {
+    home_on_index();
+    const int32_t places[] = {5000 + 65536, 5000 - 65536, 5000 + 1024, 5000 - 1024,
+                              5000 + 3 * 65536 - 1024};
+    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
+        rig.input.index_position_inc = places[i];
+        rig_cycle();
+        TEST_ASSERT_TRUE(rig.output.output_enabled);
+    }
+    rig.input.index_position_inc = 5000 - 65536 - 1025;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_UINT8(2, rig_sent(0x082)->data[3]);
+    expect_torque_off(0x7305);
+}
+
+void test_index_supervision_can_be_switched_off(void) {
+    rig_write(0x2103, 3, 4, 0);
+    home_on_index();
+    rig.input.index_position_inc = 7000;
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+}
+
 void test_encoder_fault(void) {
     run_injected();
     rig_inject(5000, 104, 0x02);
@@ -430,6 +516,129 @@ void test_injected_sensors_gone_silent(void) {
     TEST_ASSERT_TRUE(rig.output.output_enabled);
     rig_cycle();
     expect_torque_off(0x7305);
+}
+
+/* --- over-current 2310h, over-temperature 4310h, and the derating before them */
+
+void test_temperature_derates_then_faults(void) {
+    rig_run();
+    rig.desired_inc = 5300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(4000, rig.output.torque_mNm);
+    rig.input.temperature_dC = 1100;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(2500, rig.output.torque_mNm); /* half of TA */
+    TEST_ASSERT_TRUE((rig.node.od.limit_reasons & LIMIT_REASON_TEMPERATURE) != 0U);
+    TEST_ASSERT_TRUE((rig.node.od.statusword & STATUSWORD_INTERNAL_LIMIT) != 0U);
+    rig.input.temperature_dC = 1200;
+    rig.input.position_inc = 5300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_HEX16(0x4310, rig_emergency());
+    TEST_ASSERT_EQUAL_HEX8(0x09, rig.node.od.error_register);
+    TEST_ASSERT_EQUAL_INT(DRIVE_FAULT_REACTION_ACTIVE, rig.node.drive.state);
+}
+
+void test_current_derates(void) {
+    rig_run();
+    rig.desired_inc = 5300;
+    rig.input.current_mA = 1225; /* 1.5 times the square of the rated one, after a while */
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(4000, rig.output.torque_mNm);
+    TEST_ASSERT_EQUAL_INT16(1225, rig.node.od.current_actual_value);
+    for (int i = 0; i < 9000; i++) {
+        rig.input.position_inc = 5000 + i % 2;
+        rig_cycle();
+    }
+    TEST_ASSERT_INT_WITHIN(30, 2500, rig.output.torque_mNm);
+    TEST_ASSERT_TRUE((rig.node.od.limit_reasons & LIMIT_REASON_CURRENT) != 0U);
+}
+
+void test_over_current(void) {
+    rig_run();
+    rig.input.current_mA = 20001;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_HEX8(0x03, rig.node.od.error_register);
+    expect_torque_off(0x2310);
+}
+
+void test_hot_or_overloaded_without_output_is_no_fault(void) {
+    rig_start();
+    rig.input.current_mA = UINT32_MAX;
+    rig.input.temperature_dC = 2000;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_HEX16(0, rig_emergency());
+    TEST_ASSERT_EQUAL_INT16(INT16_MAX, rig.node.od.current_actual_value);
+}
+
+void test_speed_derates_what_accelerates(void) {
+    rig_write(0x6080, 0, 4, 60); /* 65.536 increments each ms */
+    rig_run();
+    int16_t accelerating = 0;
+    for (int i = 0; i < 40; i++) { /* 95 % of it */
+        rig.input.position_inc += i % 4 == 0 ? 61 : 62;
+        rig.desired_inc = rig.input.position_inc + 300;
+        rig_cycle();
+    }
+    accelerating = rig.output.torque_mNm;
+    TEST_ASSERT_INT_WITHIN(300, 2650, accelerating);
+    TEST_ASSERT_TRUE((rig.node.od.limit_reasons & LIMIT_REASON_SPEED) != 0U);
+    rig.input.position_inc += 62;
+    rig.desired_inc = rig.input.position_inc - 300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(-4000, rig.output.torque_mNm);
+    TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.limit_reasons & LIMIT_REASON_SPEED);
+}
+
+/* --- bus-off, 8140h */
+
+void test_bus_off(void) {
+    rig_run();
+    rig.input.bus_off = true;
+    rig.input.position_inc += 100;
+    for (int i = 0; i < 100; i++) {
+        TEST_ASSERT_TRUE(rig.output.output_enabled);
+        rig_step();
+        TEST_ASSERT_EQUAL_UINT(0, rig.output.frame_count);
+    }
+    TEST_ASSERT_EQUAL_INT(DRIVE_FAULT, rig.node.drive.state);
+    rig.input.bus_off = false;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_HEX16(0x8140, rig_emergency());
+    rig_cycles(10);
+    TEST_ASSERT_EQUAL_INT(DRIVE_FAULT, rig.node.drive.state); /* stays */
+}
+
+void test_bus_off_without_output_is_reported(void) {
+    rig_start();
+    rig.input.bus_off = true;
+    rig_step();
+    rig_step();
+    rig.input.bus_off = false;
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(0x8140, rig_emergency());
+    TEST_ASSERT_EQUAL_INT(DRIVE_SWITCH_ON_DISABLED, rig.node.drive.state);
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.pre_defined_error_field_number_of_errors);
+}
+
+/* --- watchdog or supervisor reset 6010h, internal oscillator */
+
+void test_supervisor_reset_boots_disabled_and_says_so(void) {
+    rig.config.supervisor_reset = true;
+    motor_node_init(&rig.config, &rig.node);
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(0x702, rig.output.frames[0].id);
+    TEST_ASSERT_EQUAL_HEX16(0x6010, rig_emergency());
+    TEST_ASSERT_FALSE(rig.output.output_enabled);
+    TEST_ASSERT_EQUAL_INT(DRIVE_SWITCH_ON_DISABLED, rig.node.drive.state);
+}
+
+void test_enabling_on_the_internal_oscillator_is_refused(void) {
+    rig.config.clock_fallback = true;
+    motor_node_init(&rig.config, &rig.node);
+    rig_start();
+    rig_enable();
+    TEST_ASSERT_FALSE(rig.output.output_enabled);
+    TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_CLOCK, rig.node.od.limit_reasons);
 }
 
 /* --- a fault is latched until fault reset */

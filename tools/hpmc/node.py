@@ -72,6 +72,8 @@ def parser() -> argparse.ArgumentParser:
                         help="memory of 1010h and LSS store; none when left out")  # fmt: skip
     parser.add_argument("--referenced", action="store_true",
                         help="the encoder is absolute: no homing is needed")  # fmt: skip
+    parser.add_argument("--after-watchdog", action="store_true",
+                        help="starts as after a reset by the watchdog")  # fmt: skip
     parser.add_argument("--temperature-dC", type=whole(-2730, 32767), default=250, metavar="N",
                         help="of the motor, in 0.1 degree Celsius (%(default)s)")  # fmt: skip
     joint = parser.add_argument_group("the simulated joint")

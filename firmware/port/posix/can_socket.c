@@ -141,6 +141,8 @@ size_t can_socket_receive(can_socket_t *can, can_frame_t *frames, size_t count, 
             /* cppcheck-suppress uninitvar ; recvmmsg has filled it through parts[i] */
             if ((raw[i].can_id & CAN_ERR_FLAG) != 0U) {
                 can->error_frames++;
+                can->bus_off = (raw[i].can_id & CAN_ERR_BUSOFF) != 0U ||
+                               (can->bus_off && (raw[i].can_id & CAN_ERR_RESTARTED) == 0U);
                 continue;
             }
             can_frame_t *frame = &frames[received++];

@@ -24,6 +24,7 @@ typedef struct {
     int fd;
     uint32_t dropped;       /**< frames that the kernel dropped for want of buffer (SO_RXQ_OVFL) */
     uint32_t error_frames;  /**< error frames seen; they are no data and are passed over */
+    bool bus_off;           /**< the controller has left the bus and is not back yet */
     uint32_t back_pressure; /**< times that the transmit queue was full */
 } can_socket_t;
 

@@ -64,6 +64,8 @@ static bool tick(int64_t now, device_t *device) {
         .elapsed_us = elapsed_us,
         .position_inc = simulated_joint_position_inc(&options->joint, &device->joint),
         .temperature_dC = options->temperature_dC,
+        .current_mA = simulated_joint_current_mA(&options->joint, device->torque_Nm),
+        .bus_off = device->can.bus_off,
         .index_seen = device->joint.index_seen,
         .index_position_inc = device->joint.index_position_inc,
         .frames = device->frames,
@@ -73,6 +75,7 @@ static bool tick(int64_t now, device_t *device) {
     device->frame_count = 0;
     device->torque_Nm = output.output_enabled ? (double)output.torque_mNm / 1000.0 : 0.0;
     if (output.reset_requested) {
+        device->config.supervisor_reset = false;
         motor_node_init(&device->config, &device->node);
     }
     /* A bus that takes no frames loses them, as a controller does whose mailboxes stay full. */
@@ -140,7 +143,8 @@ int free_running(const free_running_options_t *options) {
         .options = options,
         .config = {.node_id = options->node_id,
                    .serial_number = options->serial_number,
-                   .referenced = options->referenced},
+                   .referenced = options->referenced,
+                   .supervisor_reset = options->supervisor_reset},
         .last_tick_us = now_ns() / 1000,
     };
     if (options->parameters != NULL) {

@@ -14,9 +14,10 @@ typedef struct {
     uint8_t node_id; /**< 1..127, or 255: none until LSS gives one */
     uint32_t serial_number;
     const char
-        *parameters; /**< file that stands for the non-volatile memory; NULL: there is none */
-    bool referenced; /**< an absolute encoder: mode -1 needs no homing */
-    const char *can; /**< name of the interface */
+        *parameters;       /**< file that stands for the non-volatile memory; NULL: there is none */
+    bool referenced;       /**< an absolute encoder: mode -1 needs no homing */
+    bool supervisor_reset; /**< starts as after a watchdog reset */
+    const char *can;       /**< name of the interface */
     int16_t temperature_dC;
     simulated_joint_config_t joint;
 } free_running_options_t;

@@ -98,6 +98,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"serial", required_argument, NULL, 'S'},
         {"parameters", required_argument, NULL, 'P'},
         {"referenced", no_argument, NULL, 'R'},
+        {"after-watchdog", no_argument, NULL, 'W'},
         {"temperature-dC", required_argument, NULL, 'T'},
         {"inertia", required_argument, NULL, 'I'},
         {"viscous-friction", required_argument, NULL, 'V'},
@@ -156,6 +157,9 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'R':
             o->alone.referenced = true;
             break;
+        case 'W':
+            o->alone.supervisor_reset = true;
+            break;
         case 'T':
             ok = parse_long(optarg, -2730, 32767, "temperature-dC", &temperature_dC);
             break;
@@ -187,7 +191,8 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                       "[--joint-ticks N] [--increments-per-revolution N] "
                       "[--stall-timeout-ms N]\n"
                       "       motor_node --id 1..127|255 --free-running [--can IF] [--serial N] "
-                      "[--parameters FILE] [--referenced] [--temperature-dC N] [--inertia X] "
+                      "[--parameters FILE] [--referenced] [--after-watchdog] "
+                      "[--temperature-dC N] [--inertia X] "
                       "[--viscous-friction X] [--coulomb-friction X] "
                       "[--torque-constant X] [--index-rad X]\n");
         ok = false;

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import can
 import canopen
 import pytest
 
@@ -21,12 +23,16 @@ if "HPMC_CLIENT_CAPTURE" not in os.environ:  # started by tests/rig/test_client.
     collect_ignore_glob = ["test_*"]
 
 
-def until(condition: Callable[[], object], limit_s: float = 2.0) -> None:
+def until(condition: Callable[[], object], limit_s: float = 5.0) -> None:
     """Waits for something to become true."""
     end = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < end, "it did not happen in time"
         time.sleep(0.005)
+
+
+def until_booted(node: canopen.RemoteNode) -> None:
+    until(lambda: node.nmt.state == "PRE-OPERATIONAL")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -43,8 +49,15 @@ def network() -> Iterator[canopen.Network]:
     network = canopen.Network()
     network.connect(interface="socketcan", channel=IFACE)
     yield network
-    network.sync.stop()
+    with contextlib.suppress(can.CanError):  # a test may have stopped it already
+        network.sync.stop()
     network.disconnect()
+
+
+def home(drive: canopen.BaseNode402) -> None:
+    """Homing by BaseNode402. It may look at a statusword of before its own command, then it says
+    that the homing was interrupted: asking again tells."""
+    assert any(drive.homing(timeout=5.0) for _ in range(3))
 
 
 class Bench:
@@ -81,9 +94,14 @@ def node(bench: Bench, network: canopen.Network) -> canopen.BaseNode402:
     """Node 5, booted and pre-operational."""
     node = canopen.BaseNode402(5, str(EDS))
     network.add_node(node)
-    node.sdo.RESPONSE_TIMEOUT = 1.0
+    # A loaded machine may hold up this client for longer than the library's patience.
+    node.sdo.RESPONSE_TIMEOUT = 2.0
+    node.TIMEOUT_CHECK_TPDO = 1.0
+    node.TIMEOUT_SWITCH_OP_MODE = 2.0
+    node.TIMEOUT_SWITCH_STATE_SINGLE = 2.0
+    node.TIMEOUT_SWITCH_STATE_FINAL = 4.0
     bench.start(5)
-    until(lambda: node.nmt.state == "PRE-OPERATIONAL")
+    until_booted(node)
     return node
 
 

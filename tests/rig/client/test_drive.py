@@ -6,7 +6,7 @@ import time
 
 import canopen
 import pytest
-from conftest import Bench, until
+from conftest import Bench, home, until, until_booted
 
 NOT_REFERENCED = 0x0100
 CONVERGENCE = 0x4000
@@ -61,7 +61,7 @@ def test_mode_minus_1_needs_a_reference_and_says_so(drive: canopen.BaseNode402) 
 
 def test_mode_minus_1_follows_a_command(drive: canopen.BaseNode402) -> None:
     drive.sdo[0x6098].raw = 37  # here is home
-    assert drive.homing(timeout=2.0)
+    home(drive)
     drive.state = "SWITCHED ON"
     assert drive.sdo[0x6041].raw & REFERENCED
     here = drive.tpdo[1]["Position actual value"].raw
@@ -85,13 +85,14 @@ def test_homing_finds_the_index_pulse(
     bench: Bench, drive: canopen.BaseNode402, method: int, index_rad: float
 ) -> None:
     bench.stop()
+    drive.nmt._state = 0
     bench.start(5, "--index-rad", str(index_rad))
-    drive.nmt.wait_for_bootup(1.0)
+    until_booted(drive)
     drive.sdo[0x1400][5].raw = 200
     drive.nmt.state = "OPERATIONAL"
     drive.sdo[0x6098].raw = method
     drive.sdo[0x607C].raw = 1000
-    assert drive.homing(timeout=5.0)
+    home(drive)
     until(lambda: drive.sdo[0x6041].raw & 0x3400 == 0x1400)
     assert abs(drive.sdo[0x6064].raw - 1000) < 200  # stopped just behind the index
     assert drive.sdo[0x6041].raw & REFERENCED

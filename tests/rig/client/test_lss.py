@@ -7,7 +7,7 @@ from pathlib import Path
 import canopen
 import pytest
 from canopen.lss import LssError
-from conftest import EDS, Bench, until
+from conftest import EDS, Bench, until_booted
 
 PRODUCT = 0x46494301
 REVISION = 0x00010000
@@ -16,7 +16,7 @@ SERIAL = 0x00C0FFEE
 
 @pytest.fixture
 def lss(network: canopen.Network) -> canopen.lss.LssMaster:
-    network.lss.RESPONSE_TIMEOUT = 0.03
+    network.lss.RESPONSE_TIMEOUT = 0.06
     return network.lss
 
 
@@ -33,12 +33,12 @@ def test_fastscan_configures_an_unconfigured_node(
     lss.store_configuration()
     node = network.add_node(42, str(EDS))
     lss.send_switch_state_global(lss.WAITING_STATE)
-    until(lambda: node.nmt.state == "PRE-OPERATIONAL")
+    until_booted(node)
     assert node.sdo[0x1018][4].raw == SERIAL
     bench.stop()
     node.nmt._state = 0
     bench.start(255, *memory)  # power-on: the stored node-id
-    until(lambda: node.nmt.state == "PRE-OPERATIONAL")
+    until_booted(node)
     assert lss.fast_scan() == (False, None)
 
 
@@ -59,7 +59,7 @@ def test_selective_switch_and_inquiries(
     lss.send_switch_state_global(lss.WAITING_STATE)
     moved = network.add_node(77, str(EDS))
     node.nmt.state = "RESET COMMUNICATION"
-    until(lambda: moved.nmt.state == "PRE-OPERATIONAL")
+    until_booted(moved)
     assert moved.sdo[0x1018][4].raw == 5
 
 
@@ -69,7 +69,7 @@ def test_parameters_are_saved_and_restored(
     memory = ("--parameters", str(tmp_path / "parameters"))
     bench.start(5, *memory)
     node = network.add_node(5, str(EDS))
-    until(lambda: node.nmt.state == "PRE-OPERATIONAL")
+    until_booted(node)
     assert node.sdo[0x1010][1].raw == 1
     node.sdo[0x2100][4].raw = 4321
     with pytest.raises(canopen.SdoAbortedError) as refused:
@@ -82,8 +82,7 @@ def test_parameters_are_saved_and_restored(
             node.sdo[0x1011][1].raw = 0x64616F6C
             assert node.sdo[0x2100][4].raw == 4321  # until the reset
         node.nmt.state = "RESET"
-        node.nmt.wait_for_bootup(1.0)
-        until(lambda: node.nmt.state == "PRE-OPERATIONAL")
+        until_booted(node)
         assert node.sdo[0x2100][4].raw == expected
 
 
