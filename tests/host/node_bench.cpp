@@ -25,7 +25,9 @@ NodeBench::NodeBench(const RunConfig &config) : cycle(config) {
     const Eigen::Vector3d q_rad = start_pose_rad(config, 0);
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         const auto id = static_cast<std::uint8_t>(joint + 1);
-        configs_[joint] = {.node_id = id, .serial_number = id, .referenced = true};
+        configs_[joint].node_id = id;
+        configs_[joint].serial_number = id;
+        configs_[joint].referenced = true;
         motor_node_init(&configs_[joint], &nodes[joint]);
         position_inc_[joint] = encoder_model_increments(
             q_rad[static_cast<Eigen::Index>(joint)],
