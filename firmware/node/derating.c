@@ -26,7 +26,7 @@ derating_output_t derating(const derating_input_t *input) {
     derating_output_t output = {.share_ppm = DERATING_FULL_ppm};
     const uint32_t rated_mA =
         input->rated_current_mA < CURRENT_MAX_mA ? input->rated_current_mA : CURRENT_MAX_mA;
-    const int64_t rated_mA2 = (int64_t)rated_mA * rated_mA;
+    const int64_t rated_mA2 = (int64_t)rated_mA * (int64_t)rated_mA;
     apply(share(input->temperature_dC, input->temperature_begin_dC, input->temperature_end_dC),
           LIMIT_REASON_TEMPERATURE, &output);
     /* In 1/1024 mA^2 where it would not fit else. */
@@ -41,13 +41,13 @@ derating_output_t derating(const derating_input_t *input) {
 
 uint64_t derating_mean_square(uint64_t mean_square_mA2, uint32_t current_mA, uint32_t time_us,
                               uint32_t elapsed_us) {
-    const uint64_t current = current_mA < CURRENT_MAX_mA ? current_mA : CURRENT_MAX_mA;
-    const uint64_t square = current * current;                         /* below 2^45 */
-    const uint64_t part = elapsed_us < time_us ? elapsed_us : time_us; /* below 2^27 */
+    const uint32_t kept_mA = current_mA < CURRENT_MAX_mA ? current_mA : CURRENT_MAX_mA;
+    const uint64_t square = (uint64_t)kept_mA * kept_mA; /* below 2^45 */
+    const uint32_t part = elapsed_us < time_us ? elapsed_us : time_us;
     if (part == 0U) {
         return mean_square_mA2;
     }
-    return square >= mean_square_mA2
-               ? mean_square_mA2 + (square - mean_square_mA2) / (time_us / part)
-               : mean_square_mA2 - (mean_square_mA2 - square) / (time_us / part);
+    const uint32_t parts = time_us / part;
+    return square >= mean_square_mA2 ? mean_square_mA2 + (square - mean_square_mA2) / parts
+                                     : mean_square_mA2 - (mean_square_mA2 - square) / parts;
 }

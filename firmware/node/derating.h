@@ -35,6 +35,8 @@ typedef struct {
     uint16_t reasons;   /**< of every share below the full */
 } derating_output_t;
 
+/** The share of the torque limit that may be used: the least of those by temperature, current and
+ * speed. */
 derating_output_t derating(const derating_input_t *input);
 
 /** Mean square of the current with a time constant; saturates at the square of UINT32_MAX / 1000.

@@ -428,12 +428,15 @@ static void follow_bus(bool bus_off, motor_node_t *node) {
 static void sample_current(const motor_node_input_t *input, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
     const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
-    const uint64_t thousandths = (uint64_t)input->current_mA * 1000U / rated_mA;
+    uint64_t thousandths = (uint64_t)input->current_mA * 1000U / rated_mA;
     node->current_mA = input->current_mA;
     node->mean_square_mA2 =
         derating_mean_square(node->mean_square_mA2, input->current_mA,
                              od->derating_current_time_ms * 1000U, input->elapsed_us);
-    od->current_actual_value = thousandths > INT16_MAX ? INT16_MAX : (int16_t)thousandths;
+    if (thousandths > (uint64_t)INT16_MAX) {
+        thousandths = (uint64_t)INT16_MAX;
+    }
+    od->current_actual_value = (int16_t)thousandths;
 }
 
 static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) {

@@ -341,7 +341,12 @@ static void supervise_speed(uint32_t elapsed_us, motor_node_t *node) {
     if (drive_has_output(&node->drive) && moved * WAY_UNIT > allowed) {
         node_drive_fault(EMCY_OVERSPEED, 0, position, true, node);
     }
-    node->moving = position > node->speed_from_inc ? 1 : position < node->speed_from_inc ? -1 : 0;
+    node->moving = 0;
+    if (position > node->speed_from_inc) {
+        node->moving = 1;
+    } else if (position < node->speed_from_inc) {
+        node->moving = -1;
+    }
     const uint64_t speed_ppm = moved * WAY_UNIT / (allowed / DERATING_FULL_ppm + 1U);
     node->speed_ppm = speed_ppm > UINT32_MAX ? UINT32_MAX : (uint32_t)speed_ppm;
     node->speed_from_inc = od->position_actual_value;
@@ -391,8 +396,8 @@ static bool is_stuck(bool changed, uint32_t elapsed_us, motor_node_t *node) {
     const int32_t torque_mNm = od->torque_actual_value;
     const int32_t size_mNm = torque_mNm < 0 ? -torque_mNm : torque_mNm;
     const int32_t percent = od->encoder_supervision_stuck_torque_percent;
-    const bool pushes =
-        percent != 0 && size_mNm != 0 && size_mNm * 100 >= od->fic_torque_limit_mNm * percent;
+    const bool pushes = percent != 0 && size_mNm != 0 &&
+                        size_mNm * 100 >= (int32_t)od->fic_torque_limit_mNm * percent;
     node->stuck_us = pushes && !changed ? node_time_add(node->stuck_us, elapsed_us) : 0U;
     return node->stuck_us >= od->encoder_supervision_stuck_time_ms * 1000U;
 }

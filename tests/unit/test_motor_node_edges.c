@@ -93,6 +93,21 @@ void test_own_node_id_is_told_before_the_node_falls_silent(void) {
     TEST_ASSERT_EQUAL_INT(NMT_STOPPED, rig.node.nmt);
 }
 
+void test_own_node_id_heard_by_a_stopped_node_in_fault_changes_nothing(void) {
+    const uint8_t data[8] = {0};
+    rig_run();
+    for (int i = 0; i < 200; i++) {
+        rig_step(); /* deadline 8250h */
+    }
+    rig_nmt(2);
+    rig_step();
+    rig_send(0x182, 8, data);
+    rig_step();
+    TEST_ASSERT_EQUAL_INT(NMT_STOPPED, rig.node.nmt);
+    TEST_ASSERT_EQUAL_INT(DRIVE_FAULT, rig.node.drive.state);
+    TEST_ASSERT_EQUAL_HEX16(0x8250, rig.node.od.error_code);
+}
+
 /* --- emergencies and heartbeats of others */
 
 void test_emergency_too_short_for_a_code_is_none(void) {
@@ -166,6 +181,31 @@ void test_position_limits_without_output_are_not_reported(void) {
     rig_start();
     TEST_ASSERT_EQUAL_HEX16(0, rig_emergency());
     TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.statusword & STATUSWORD_WARNING);
+}
+
+void test_speed_far_beyond_the_highest_saturates(void) {
+    rig_write(0x6080, 0, 4, 1);
+    rig_start();
+    rig_cycles(10);
+    rig.input.position_inc += 1000000;
+    rig_cycles(10);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, rig.node.speed_ppm);
+    TEST_ASSERT_EQUAL_INT8(1, rig.node.moving);
+    TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.error_code); /* no output, no fault */
+}
+
+void test_current_in_thousandths_of_the_rated_one(void) {
+    rig_write(0x6075, 0, 4, 2000);
+    rig.input.current_mA = 500;
+    rig_step();
+    rig_step();
+    TEST_ASSERT_EQUAL_INT16(250, rig.node.od.current_actual_value);
+    rig_write(0x6075, 0, 4, 0); /* none is known: counts as 1 mA */
+    rig_step();
+    TEST_ASSERT_EQUAL_INT16(INT16_MAX, rig.node.od.current_actual_value);
+    rig.input.current_mA = 7;
+    rig_step();
+    TEST_ASSERT_EQUAL_INT16(7000, rig.node.od.current_actual_value);
 }
 
 /* --- refusals, halt, torque limit */
