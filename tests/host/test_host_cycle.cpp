@@ -125,6 +125,29 @@ TEST_CASE("before the nodes are enabled their command is the measured angle with
     }
 }
 
+TEST_CASE("the bound of a node's torque ramps up after it is enabled") {
+    NodeBench bench;
+    REQUIRE(bench.step_to(RunPhase::approach));
+    // Pushed aside in this very period: the law asks for torque at once.
+    bench.displace_inc = {200, 200, 200};
+    const std::array<int, kJoints> limit_mNm{30000, 20000, 5000};
+    std::array<int, kJoints> most{};
+    // Enabled up to three periods ago, one node a period.
+    for (int period = 1; period <= 140; ++period) {
+        bench.step();
+        for (std::size_t joint = 0; joint < kJoints; ++joint) {
+            const int torque_mNm = std::abs(bench.nodes[joint].od.torque_actual_value);
+            CHECK(torque_mNm <= limit_mNm[joint] * (period + 4) / 100);
+            most[joint] = std::max(most[joint], torque_mNm);
+        }
+    }
+    CHECK(bench.cycle.fault().empty());
+    // What the law asks for, 0.3 T_max in the approach, is far above the bound at first.
+    CHECK(most[0] > 4000);
+    CHECK(most[1] > 4000);
+    CHECK(most[2] > 1000);
+}
+
 TEST_CASE("no TPDO1 from a node for 2 periods") {
     NodeBench bench;
     REQUIRE(bench.step_to(RunPhase::approach));

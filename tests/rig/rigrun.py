@@ -55,7 +55,7 @@ class RunningRig:
         self.process = subprocess.Popen(
             [RIG, "run", "clock", "--no-figures", "--out", folder, *arguments],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            env=os.environ | {"RIG_TEST_MARK": mark},
+            env=os.environ | {"RIG_TEST_MARK": mark}, start_new_session=True,
         )  # fmt: skip
 
     def wait_for_log(self, size_bytes: int) -> None:
@@ -77,7 +77,8 @@ class RunningRig:
         return done.stdout
 
     def interrupt(self, number: signal.Signals = signal.SIGINT) -> None:
-        self.process.send_signal(number)
+        """As a terminal does: to the whole process group."""
+        os.killpg(self.process.pid, number)
 
     def wait(self) -> Run:
         said, errors = self.process.communicate(timeout=LIMIT_S)

@@ -206,6 +206,32 @@ def test_an_interrupt_goes_to_the_host_alone(session: Session, number: signal.Si
     assert session.events()[-1] == "run_logger ended"
 
 
+def test_a_caller_that_is_gone_is_like_an_interrupt(session: Session) -> None:
+    session.commands["hpmc_host"] = session.host(ticks=300)
+    session.commands["arm_sim"] = session.python(
+        ARM.format(seconds=60, status=0), str(session.order)
+    )
+    process = session.start()
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.readline()
+    process.stdout.close()
+    start = time.monotonic()
+    errors = process.stderr.read()
+    assert process.wait(30) == 3 and errors == ""
+    assert time.monotonic() - start < 3.0
+    assert session.events()[-1] == "run_logger ended"
+
+
+def test_the_arm_may_finish_after_the_host(session: Session) -> None:
+    last = "\nprint('STATS {\"overruns\": 0}')"
+    session.commands["arm_sim"] = session.python(
+        ARM.format(seconds=1.2, status=0).replace("\nsys.exit", last + "\nsys.exit"),
+        str(session.order),
+    )
+    result = session.run()
+    assert result["status"] == 0 and result["stats"]["arm_sim"] == {"overruns": 0}
+
+
 def test_a_process_that_ignores_its_end_is_killed(session: Session) -> None:
     session.commands["motor_node 1"] = session.python(
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); "

@@ -5,6 +5,7 @@ the standard library only, since the interpreter shares one processor with the l
 its caller in lines on standard output: PROGRESS {json}, and last RESULT {json}.
 """
 
+import contextlib
 import json
 import os
 import selectors
@@ -66,8 +67,16 @@ class Session:
             "wall_s": wall_s,
             "stats": {name: role.stats for name, role in self.roles.items()},
         }
-        print("RESULT " + json.dumps(result), flush=True)
+        self.tell("RESULT " + json.dumps(result))
         return status
+
+    def tell(self, line: str) -> None:
+        try:
+            print(line, flush=True)
+        except BrokenPipeError:
+            # The caller was killed: as after Ctrl-C, but nobody listens any more.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            self.on_signal()
 
     def on_signal(self, *_: object) -> None:
         self.interrupted = True
@@ -131,7 +140,7 @@ class Session:
             role.stats = json.loads(line.removeprefix("STATS "))
         elif line.startswith("PROGRESS "):
             self.simulated_s = json.loads(line.removeprefix("PROGRESS "))["simulated_s"]
-            print(line, flush=True)
+            self.tell(line)
 
     def check_exits(self, host_may_end: bool) -> bool:
         """True when the run is over; sets the reason when a process ended that should not have."""
@@ -170,6 +179,11 @@ class Session:
 
     def end_all(self) -> None:
         """Nodes and arm first, the logger last: it takes in what is still on its way."""
+        arm = self.roles.get("arm_sim")
+        if arm is not None and not self.reason and not self.interrupted:
+            # The host is through with the last SYNC period a little before the joint loop.
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                arm.process.wait(END_S)
         others = [role for role in self.roles.values() if role.name != "run_logger"]
         stop(others, KILL_S if self.reason else END_S)
         logger = [role for role in self.roles.values() if role.name == "run_logger"]
