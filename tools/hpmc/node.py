@@ -76,6 +76,8 @@ def parser() -> argparse.ArgumentParser:
                         help="starts as after a reset by the watchdog")  # fmt: skip
     parser.add_argument("--temperature-dC", type=whole(-2730, 32767), default=250, metavar="N",
                         help="of the motor, in 0.1 degree Celsius (%(default)s)")  # fmt: skip
+    parser.add_argument("--fixed", action="store_true",
+                        help="joint controller in 32-bit integers instead of float")  # fmt: skip
     joint = parser.add_argument_group("the simulated joint")
     joint.add_argument("--inertia", type=not_below(1e-6), default=0.05, metavar="X",
                        help="kg m^2 (%(default)s)")  # fmt: skip
@@ -94,7 +96,8 @@ def command(options: argparse.Namespace) -> list[str]:
     """The command line of the program motor_node."""
     words = [str(PROGRAMS["motor_node"]), "--free-running"]
     for name, value in vars(options).items():
-        if value is None or value is False:
+        # ./rig node --fixed has chosen the program already (layout.PROGRAMS).
+        if value is None or value is False or name == "fixed":
             continue
         words.append("--" + name.replace("_", "-"))
         if value is not True:
