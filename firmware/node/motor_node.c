@@ -89,6 +89,8 @@ void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
         (void)parameter_store_load(config->memory, &node->od, &node->stored_node_id);
     }
     power_on_values(config, node->stored_node_id, &node->od);
+    node->od.sensor_source = config->sensor_source;
+    node->od.time_base = config->time_base;
     emcy_init(&node->emcy);
     lss_init(node->stored_node_id, &node->lss);
     reset_communication(config, node);
@@ -109,6 +111,13 @@ void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
     if (config->memory != NULL && parameter_store_damaged(config->memory)) {
         emcy_report(EMCY_PARAMETERS_LOST, 0, 0, &node->od, &node->emcy);
     }
+}
+
+void motor_node_restart(motor_node_config_t *config, motor_node_t *node) {
+    config->supervisor_reset = false; /* reported once */
+    config->sensor_source = node->od.sensor_source;
+    config->time_base = node->od.time_base;
+    motor_node_init(config, node);
 }
 
 static void send(const can_frame_t *frame, motor_node_t *node) {
@@ -432,6 +441,7 @@ static bool receive_all(const motor_node_config_t *config, const motor_node_inpu
     const size_t count =
         input->frame_count < MOTOR_NODE_RX_MAX ? input->frame_count : MOTOR_NODE_RX_MAX;
     node_count(&node->od.counters_frames_not_read, (uint32_t)(input->frame_count - count));
+    node_count(&node->od.counters_frames_not_read, input->frames_lost);
     /* cppcheck-suppress knownConditionTrueFalse ; it takes a count of 0 for the only one */
     for (size_t i = 0; i < count && !node->reset_requested; i++) {
         sync = receive(config, &input->frames[i], node) || sync;

@@ -52,6 +52,8 @@ typedef struct {
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
     const crash_record_t *crash;      /**< of the reset before; NULL: none is kept */
     const char *software_version;     /**< 100Ah; NULL: version and protocol hash */
+    uint8_t sensor_source;            /**< 2F00h at the begin: 0 at power-on */
+    uint8_t time_base;                /**< 2F01h at the begin: 0 at power-on */
 } motor_node_config_t;
 
 typedef struct {
@@ -64,13 +66,13 @@ typedef struct {
     int32_t index_position_inc; /**< of the encoder, captured at the pulse */
     const can_frame_t *frames;  /**< in order of arrival; may be NULL when frame_count is 0 */
     size_t frame_count;         /**< 0..MOTOR_NODE_RX_MAX */
+    uint32_t frames_lost;       /**< by the port since the last step; counted in 2201h:08 */
 } motor_node_input_t;
 
 typedef struct {
     int16_t torque_mNm;   /**< set value for the motor, 0 unless output_enabled */
     bool output_enabled;  /**< power stage on */
-    bool reset_requested; /**< NMT reset node: the port calls motor_node_init again, as a power
-                             cycle */
+    bool reset_requested; /**< NMT reset node: the port calls motor_node_restart */
     size_t frame_count;
     can_frame_t frames[MOTOR_NODE_TX_MAX]; /**< to send, in this order */
 } motor_node_output_t;
@@ -159,6 +161,10 @@ typedef struct {
 
 /** Power-on: defaults, boot-up message with the first step, pre-operational, switch on disabled. */
 void motor_node_init(const motor_node_config_t *config, motor_node_t *node);
+
+/** NMT reset node: as a power cycle, but for what belongs to the bench and not to the device, which
+ * it keeps: the sensor source and the time base in which the rig steps it. */
+void motor_node_restart(motor_node_config_t *config, motor_node_t *node);
 
 /** One joint tick. */
 void motor_node_step(const motor_node_config_t *config, motor_node_t *node,

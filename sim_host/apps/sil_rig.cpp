@@ -19,7 +19,7 @@ constexpr std::array<const char *, kJoints> kTorqueChannels{"JOINT_TORQUE_1", "J
 void SilRig::Node::step(const motor_node_input_t &input) {
     motor_node_step(&config, &device, &input, &output);
     if (output.reset_requested) {
-        motor_node_init(&config, &device);
+        motor_node_restart(&config, &device);
     }
 }
 

@@ -266,7 +266,7 @@ static bool step(rig_t *rig, const hpmc_lcm_arm_state_t *arm, const can_frame_t 
     rig->last_utime = arm->utime;
     motor_node_step(&rig->config, &rig->node, &input, &output);
     if (output.reset_requested) {
-        motor_node_init(&rig->config, &rig->node);
+        motor_node_restart(&rig->config, &rig->node);
     }
     rig->frames_sent += (int64_t)output.frame_count;
     const hpmc_lcm_joint_torque_t torque = {.utime = arm->utime,
