@@ -21,6 +21,8 @@
 #define SUPERVISOR_ns 50000000
 #define ELAPSED_MAX_us 1000000
 
+void main_prepare(void); /* of startup.c, as main */
+
 static clock_tree_t clock;
 static crash_record_t crash;
 static char software_version[VERSION_BLOCK_TEXT_MAX];
@@ -147,11 +149,15 @@ static void configure(void) {
     motor_node_init(&config, &node);
 }
 
-int main(void) {
+/* With no interrupt enabled yet: its stack does not add to theirs. */
+void main_prepare(void) {
     fault_init();
     interrupts_init();
     clock = clock_init();
     configure();
+}
+
+int main(void) {
     usart_init(clock.apb2_Hz);
     tick_schedule_start(0, &schedule);
     time_base_init(clock.core_MHz);

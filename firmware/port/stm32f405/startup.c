@@ -19,6 +19,7 @@ extern const uint32_t data_source[];
 extern uint32_t bss_begin[];
 extern uint32_t bss_end[];
 
+void main_prepare(void); /* main.c */
 int main(void);
 _Noreturn void startup_reset(void);
 
@@ -50,6 +51,7 @@ _Noreturn void startup_reset(void) {
     register_set(SCB_CPACR, SCB_CPACR_CP10 | SCB_CPACR_CP11);
     __asm__ volatile("dsb\n\tisb" ::: "memory");
 #endif
+    main_prepare();
     (void)main();
     for (;;) { /* main does not return */
     }
