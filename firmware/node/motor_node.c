@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "canopen/node_time.h"
+#include "control/derating.h"
 #include "node/node_drive.h"
 #include "node/node_objects.h"
 #include "od/od_access.h"

@@ -31,7 +31,6 @@
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
 #include "node/crash_record.h"
-#include "node/derating.h"
 #include "node/parameter_store.h"
 #include "od/object_dictionary.h"
 
@@ -143,6 +142,7 @@ typedef struct {
     bool image_damaged;
     uint32_t current_mA;
     uint64_t mean_square_mA2;
+    uint32_t load_ppm; /**< of it, in the last interval of the speed; see derating.h */
     bool outside_limits;
     int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
     uint32_t speed_since_us;
@@ -154,7 +154,8 @@ typedef struct {
     bool hold;    /**< Q_d is to be held at this tick's position */
     bool holding;
     uint16_t refusals;
-    uint32_t ramp_ppm; /**< output bound / TA */
+    uint32_t ramp_ppm;  /**< output bound / TA */
+    torque_t torque_Nm; /**< output of the step before, not rounded */
     joint_controller_config_t control;
     joint_controller_t controller;
 } motor_node_t;

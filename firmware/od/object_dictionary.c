@@ -172,7 +172,7 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x607DU, 1U, OD_I32, OD_RW, AT(software_position_limit_min_position_limit), 0x80000000U, 0x7FFFFFFFU},
     {0x607DU, 2U, OD_I32, OD_RW, AT(software_position_limit_max_position_limit), 0x80000000U, 0x7FFFFFFFU},
     {0x6080U, 0U, OD_U32, OD_RW, AT(max_motor_speed), 0x0U, 0x186A0U},
-    {0x6087U, 0U, OD_U32, OD_RW, AT(torque_slope), 0xFFFFFFFFU, 0xFFFFFFFFU},
+    {0x6087U, 0U, OD_U32, OD_RW, AT(torque_slope), 0x3E8U, 0xFFFFFFFFU},
     {0x608FU, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
     {0x608FU, 1U, OD_U32, OD_RW, AT(position_encoder_resolution_encoder_increments), 0x100U, 0x1000000U},
     {0x608FU, 2U, OD_U32, OD_CONST, 0U, 0x1U, 0x1U},
