@@ -16,7 +16,7 @@
 #include "port/stm32f405/unique_id.h"
 #include "port/stm32f405/usart.h"
 #include "port/stm32f405/version_block.h"
-#include "port/timing/tick_schedule.h"
+#include "port/posix/tick_schedule.h"
 
 #define SUPERVISOR_ns 50000000
 #define ELAPSED_MAX_us 1000000
