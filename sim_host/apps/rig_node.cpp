@@ -60,7 +60,7 @@ EmulatedNode::EmulatedNode(std::uint8_t node_id, int fd)
 
 /// Sensors first: once the time base is stepped, the node answers at the end of a tick only.
 void EmulatedNode::set_up() {
-    link_.open();
+    link_.open_node();
     write_object(motor_node_od::kSensorSource.index, 1);
     write_object(motor_node_od::kTimeBase.index, 1);
 }
@@ -75,8 +75,9 @@ void EmulatedNode::write_object(std::uint16_t index, std::uint8_t value) {
     PeriodFrames received;
     link_.send(&request, 1);
     link_.await_answers(received);
-    const auto *end = received.frames.data() + received.count;
-    const auto *answer = std::find_if(received.frames.data(), end, [&](const can_frame_t &frame) {
+    const can_frame_t *end = received.frames.data() + received.count;
+    const can_frame_t *begin = received.frames.data();
+    const can_frame_t *answer = std::find_if(begin, end, [&](const can_frame_t &frame) {
         return frame.id == kSdoAnswer + node_id_ && frame.len == 8;
     });
     char text[96];

@@ -21,6 +21,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
+constexpr milliseconds kRepeat{100};
+constexpr char kOpenChannel[] = {'S', '8', SLCAN_CR, 'O', SLCAN_CR};
 constexpr const char *kScheme = "slcan:";
 constexpr const char *kTcp = "tcp:";
 constexpr std::pair<const char *, speed_t> kBauds[]{
@@ -210,6 +212,9 @@ bool SlcanLink::fill() {
 }
 
 void SlcanLink::take_answer() {
+    if (!counts_answers_) {
+        return;
+    }
     if (unanswered_ == 0) {
         ++stats_.garbled;
         fail("answered more lines than it was sent");
@@ -280,37 +285,60 @@ template <class Done> bool SlcanLink::take_until(Done done, PeriodFrames &frames
     }
 }
 
-/// Skips whatever the other end still sends from before, up to its answer to V.
-void SlcanLink::synchronise() {
-    static const char hello[] = {SLCAN_CR, SLCAN_CR, 'C', SLCAN_CR, 'V', SLCAN_CR};
-    constexpr std::size_t kVersionLength = 5; // "Vhhss"
-    const auto until = deadline();
-    write(hello, sizeof hello);
+bool SlcanLink::skip_to(char command, Clock::time_point until) {
     for (;;) {
         while (buffer_first_ < buffer_end_) {
             const std::uint8_t byte = buffer_[buffer_first_++];
             if (byte == static_cast<std::uint8_t>(SLCAN_BEL)) {
-                line_.complete = true; // also C may be refused: the channel was closed
-            } else if (slcan_receive(byte, &line_) == SLCAN_LINE &&
-                       line_.length == kVersionLength && line_.text[0] == 'V') {
-                return;
+                line_ = {}; // ends what came before it, too
+            } else if (slcan_receive(byte, &line_) == SLCAN_LINE && line_.length > 1 &&
+                       line_.text[0] == command) {
+                return true;
             }
         }
         if (!fill() && !wait_for(POLLIN, until)) {
-            fail("did not answer within " + std::to_string(timeout_ms_) +
-                 " ms; is SLCAN spoken there?");
+            return false;
         }
     }
 }
 
-void SlcanLink::open() {
-    static const char open_channel[] = {'S', '8', SLCAN_CR, 'O', SLCAN_CR};
+/// A board that is still starting loses what it is sent, so V is asked again; once it answers, N
+/// is asked once, and all that came before its answer is of no interest.
+void SlcanLink::synchronise() {
+    static const char hello[] = {SLCAN_CR, SLCAN_CR, 'C', SLCAN_CR, 'V', SLCAN_CR};
+    static const char number[] = {'N', SLCAN_CR};
+    const auto until = deadline();
+    do {
+        write(hello, sizeof hello);
+    } while (!skip_to('V', std::min(until, Clock::now() + kRepeat)) && Clock::now() < until);
+    if (Clock::now() < until) {
+        write(number, sizeof number);
+    }
+    if (!skip_to('N', until)) {
+        fail("did not answer within " + std::to_string(timeout_ms_) +
+             " ms; is there a node that speaks SLCAN?");
+    }
+}
+
+void SlcanLink::open_node() {
     PeriodFrames ignored;
     unanswered_ = 0;
     synchronise();
-    write(open_channel, sizeof open_channel);
+    write(kOpenChannel, sizeof kOpenChannel);
     unanswered_ = 2;
     await_answers(ignored);
+}
+
+/// As the kernel's tool slcand does it: adapters differ in what they answer, some never do.
+void SlcanLink::open_adapter() {
+    static const char close_channel[] = {SLCAN_CR, SLCAN_CR, 'C', SLCAN_CR};
+    for (const auto &[text, length] : {std::pair{close_channel, sizeof close_channel},
+                                       std::pair{kOpenChannel, sizeof kOpenChannel}}) {
+        write(text, length);
+        (void)skip_to('\0', Clock::now() + kRepeat); // no line begins so: all of it
+    }
+    line_ = {};
+    counts_answers_ = false;
 }
 
 void SlcanLink::send(const can_frame_t *frames, std::size_t count) {

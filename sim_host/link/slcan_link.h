@@ -2,9 +2,9 @@
  * CAN over a serial line as SLCAN (port/slcan/slcan.h): to a motor node that is served over a line
  * (an emulated board, or a board without a transceiver), or to a USB adapter with SLCAN firmware.
  *
- * Every line sent is answered: a node answers when it has taken the frame in (slcan_node.h), an
- * adapter at once, with CR or with "z" and CR. All waits are bounded. A refused line, a garbled one
- * and a line that the other end has closed end the run: LinkError says which and of whom.
+ * A node answers every line when it has taken the frame in (slcan_node.h), an adapter at once, with
+ * CR, with "z" and CR, or not at all. All waits are bounded. A refused line, a garbled one and a
+ * line that the other end has closed end the run: LinkError says which and of whom.
  */
 #pragma once
 
@@ -40,12 +40,14 @@ class SlcanLink {
     SlcanLink(const SlcanLink &) = delete;
     SlcanLink &operator=(const SlcanLink &) = delete;
 
-    /// Brings both ends to a known state whatever came before, then opens the channel (1 Mbit/s).
-    void open();
+    /// Opens the channel of a node, which may be starting still; whatever came before is skipped.
+    void open_node();
+    /// Opens the channel of an adapter, at 1 Mbit/s. Its answers are not waited for.
+    void open_adapter();
 
     /// Sends the frames, without waiting for answers.
     void send(const can_frame_t *frames, std::size_t count);
-    /// Waits until every line sent is answered; appends the frames that came meanwhile.
+    /// Waits until a node has answered every line sent; appends the frames that came meanwhile.
     void await_answers(PeriodFrames &frames);
     /// Appends exactly `count` frames.
     void receive(std::size_t count, PeriodFrames &frames);
@@ -71,12 +73,15 @@ class SlcanLink {
     void take_line(PeriodFrames &frames);
     void take_answer();
     void synchronise();
+    /// Throws away what comes, up to a line that begins with this character; false at the deadline.
+    bool skip_to(char command, Clock::time_point until);
 
     std::string owner_;
     int timeout_ms_;
     int fd_ = -1;
     bool socket_ = false;
     slcan_line_t line_{};
+    bool counts_answers_ = true; ///< false: an adapter
     std::size_t unanswered_ = 0;
     std::array<std::uint8_t, 4096> buffer_;
     std::size_t buffer_first_ = 0; ///< received and not yet taken: from here

@@ -44,6 +44,14 @@ std::string ScriptedPeer::heard() {
     }
 }
 
+void ScriptedPeer::hear(char wanted) {
+    constexpr int kBound_ms = 30000;
+    pollfd data{fds_[1], POLLIN, 0};
+    char byte = '\0';
+    while (byte != wanted && poll(&data, 1, kBound_ms) == 1 && recv(fds_[1], &byte, 1, 0) == 1) {
+    }
+}
+
 void ScriptedPeer::hang_up() {
     if (fds_[1] >= 0) {
         close(fds_[1]);

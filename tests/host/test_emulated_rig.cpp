@@ -105,7 +105,7 @@ TEST_CASE("a node that is not the one expected is named before the run") {
 
 TEST_CASE("a node that refuses the stepped time base") {
     ScriptedPeer refusing;
-    refusing.say("V0100\r\r\rt5828602F000000000000\r\rt582880012F0022000008\r\r");
+    refusing.say("V0100\rN0001\r\r\rt5828602F000000000000\r\rt582880012F0022000008\r\r");
     CHECK_THROWS_WITH_AS(EmulatedNode(2, refusing.link_fd()),
                          "motor node 2: refused object 2F01h = 1 with SDO abort 08000022h",
                          LinkError);

@@ -6,6 +6,7 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <termios.h>
+#include <thread>
 #include <unistd.h>
 #include <vector>
 
@@ -26,8 +27,8 @@ constexpr int kShort_ms = 50;
 struct OpenLine {
     explicit OpenLine(int timeout_ms = SlcanLink::kTimeout_ms)
         : link(peer.link_fd(), "node", timeout_ms) {
-        peer.say("V0100\r\r\r");
-        link.open();
+        peer.say("V0100\rN0001\r\r\r");
+        link.open_node();
         peer.heard();
     }
 
@@ -61,17 +62,50 @@ struct Listener {
 TEST_CASE("SLCAN: opening skips what comes from before, and a refused C") {
     ScriptedPeer peer;
     SlcanLink link(peer.link_fd(), "node");
-    peer.say("23\r\a\xFF\r\r\at1810\r\aV0100\r\r\r");
-    link.open();
-    CHECK(peer.heard() == "\r\rC\rV\rS8\rO\r");
+    peer.say("23\r\a\xFF\r\r\at1810\r\aV0100\rN0001\r\r\r");
+    link.open_node();
+    CHECK(peer.heard() == "\r\rC\rV\rN\rS8\rO\r");
     CHECK(link.stats().refused == 0);
+}
+
+TEST_CASE("SLCAN: a board that is still starting is asked again") {
+    ScriptedPeer peer;
+    SlcanLink link(peer.link_fd(), "node");
+    std::thread board([&peer] {
+        peer.hear('V'); // lost
+        peer.hear('V');
+        peer.say("\aV0100\r\aV0100\r"); // this, and one that came just in time
+        peer.hear('N');
+        peer.say("\aV0100\rN0001\r\r\r");
+    });
+    link.open_node();
+    board.join();
+    CHECK(link.stats().garbled == 0);
+}
+
+TEST_CASE("SLCAN: an adapter is opened without an answer, and what it says is not missed") {
+    ScriptedPeer peer;
+    SlcanLink link(peer.link_fd(), "adapter", kShort_ms);
+    peer.say("\ar1810\r"); // C refused, a frame from before
+    link.open_adapter();
+    CHECK(peer.heard() == "\r\rC\rS8\rO\r");
+    PeriodFrames received;
+    const can_frame_t one = frame(0x201, {1});
+    link.send(&one, 1);
+    link.send(&one, 1);
+    peer.say("\rz\rz\rt1810\r");
+    link.receive(1, received);
+    CHECK(received.frames[0].id == 0x181);
+    peer.say("\a");
+    CHECK_THROWS_WITH_AS(link.receive_available(received), "adapter: refused a line", LinkError);
 }
 
 TEST_CASE("SLCAN: an end that does not speak it is an error within the time-out") {
     ScriptedPeer peer;
     SlcanLink link(peer.link_fd(), "node", kShort_ms);
     peer.say("login: \r");
-    CHECK_THROWS_WITH_AS(link.open(), "node: did not answer within 50 ms; is SLCAN spoken there?",
+    CHECK_THROWS_WITH_AS(link.open_node(),
+                         "node: did not answer within 50 ms; is there a node that speaks SLCAN?",
                          LinkError);
 }
 
@@ -197,8 +231,8 @@ TEST_CASE("SLCAN: the channel is closed with the link") {
     ScriptedPeer peer;
     {
         SlcanLink link(peer.link_fd(), "node");
-        peer.say("V0100\r\r\r");
-        link.open();
+        peer.say("V0100\rN0001\r\r\r");
+        link.open_node();
         peer.heard();
     }
     CHECK(peer.heard() == "\rC\r");
@@ -209,9 +243,9 @@ TEST_CASE("SLCAN: over TCP") {
     SlcanLink link(listener.name, "node 1");
     const int peer = accept(listener.fd, nullptr, nullptr);
     REQUIRE(peer >= 0);
-    const std::string answers = "V0100\r\r\r";
-    REQUIRE(write(peer, answers.data(), answers.size()) == 8);
-    link.open();
+    const std::string answers = "V0100\rN0001\r\r\r";
+    REQUIRE(write(peer, answers.data(), answers.size()) == static_cast<ssize_t>(answers.size()));
+    link.open_node();
     close(peer);
 }
 
@@ -229,10 +263,10 @@ TEST_CASE("SLCAN: over a serial device, which passes every byte as it is") {
     const std::string device = ptsname(peer);
     {
         SlcanLink link("slcan:" + device + "@1000000", "node 1");
-        const std::string answers = "\aV0100\r\r\rt1810\r";
+        const std::string answers = "\aV0100\rN0001\r\r\rt1810\r";
         REQUIRE(write(peer, answers.data(), answers.size()) ==
                 static_cast<ssize_t>(answers.size()));
-        link.open();
+        link.open_node();
         PeriodFrames received;
         link.receive(1, received);
         CHECK(received.frames[0].id == 0x181);
