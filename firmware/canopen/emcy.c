@@ -18,6 +18,7 @@ static uint8_t register_bits(emcy_code_t code) {
         return ERROR_REGISTER_GENERIC | ERROR_REGISTER_CURRENT;
     case 0x4300U:
         return ERROR_REGISTER_GENERIC | ERROR_REGISTER_TEMPERATURE;
+    case 0x5500U:
     case 0x6000U:
         return ERROR_REGISTER_GENERIC;
     case 0x8100U:

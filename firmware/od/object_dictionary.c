@@ -130,6 +130,15 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x2201U, 8U, OD_U16, OD_RO, AT(counters_frames_not_read), 0x0U, 0xFFFFU},
     {0x2201U, 9U, OD_U16, OD_RO, AT(counters_frames_not_sent), 0x0U, 0xFFFFU},
     {0x2202U, 0U, OD_I16, OD_RO, AT(motor_temperature), 0xFFFF8000U, 0x7FFFU},
+    {0x2203U, 0U, OD_U8, OD_CONST, 0U, 0x8U, 0x8U},
+    {0x2203U, 1U, OD_U8, OD_RO, AT(crash_record_cause), 0x0U, 0xFFU},
+    {0x2203U, 2U, OD_U32, OD_RO, AT(crash_record_program_counter), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 3U, OD_U32, OD_RO, AT(crash_record_link_register), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 4U, OD_U32, OD_RO, AT(crash_record_program_status), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 5U, OD_U32, OD_RO, AT(crash_record_fault_status), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 6U, OD_U32, OD_RO, AT(crash_record_hard_fault_status), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 7U, OD_U32, OD_RO, AT(crash_record_fault_address), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 8U, OD_U16, OD_RO, AT(crash_record_resets), 0x0U, 0xFFFFU},
     {0x2F00U, 0U, OD_U8, OD_RW, AT(sensor_source), 0x0U, 0x1U},
     {0x2F01U, 0U, OD_U8, OD_RW, AT(time_base), 0x0U, 0x1U},
     {0x2F02U, 0U, OD_U8, OD_CONST, 0U, 0x4U, 0x4U},
@@ -163,7 +172,7 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x607DU, 1U, OD_I32, OD_RW, AT(software_position_limit_min_position_limit), 0x80000000U, 0x7FFFFFFFU},
     {0x607DU, 2U, OD_I32, OD_RW, AT(software_position_limit_max_position_limit), 0x80000000U, 0x7FFFFFFFU},
     {0x6080U, 0U, OD_U32, OD_RW, AT(max_motor_speed), 0x0U, 0x186A0U},
-    {0x6087U, 0U, OD_U32, OD_RW, AT(torque_slope), 0xFFFFFFFFU, 0xFFFFFFFFU},
+    {0x6087U, 0U, OD_U32, OD_RW, AT(torque_slope), 0x3E8U, 0xFFFFFFFFU},
     {0x608FU, 0U, OD_U8, OD_CONST, 0U, 0x2U, 0x2U},
     {0x608FU, 1U, OD_U32, OD_RW, AT(position_encoder_resolution_encoder_increments), 0x100U, 0x1000000U},
     {0x608FU, 2U, OD_U32, OD_CONST, 0U, 0x1U, 0x1U},
@@ -252,6 +261,14 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->counters_frames_not_read = 0U;
     od->counters_frames_not_sent = 0U;
     od->motor_temperature = 0;
+    od->crash_record_cause = 0U;
+    od->crash_record_program_counter = 0U;
+    od->crash_record_link_register = 0U;
+    od->crash_record_program_status = 0U;
+    od->crash_record_fault_status = 0U;
+    od->crash_record_hard_fault_status = 0U;
+    od->crash_record_fault_address = 0U;
+    od->crash_record_resets = 0U;
     od->sensor_source = 0U;
     od->time_base = 0U;
     od->injected_sensors_position = 0;
