@@ -44,7 +44,8 @@ typedef struct {
     uint32_t serial_number; /**< 1018h:04, unique */
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
     bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
-    bool clock_fallback;    /**< on the internal oscillator: enabling is refused */
+    bool clock_fallback; /**< on the internal oscillator: enabling is refused while node time comes
+                              from it (2F01h = 0) */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
 } motor_node_config_t;
 
@@ -76,7 +77,7 @@ typedef struct {
 #define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
-#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator */
+#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator, free-running */
 
 /** Modes of operation (6060h). */
 #define MODE_FRACTAL_IMPEDANCE (-1)
