@@ -21,7 +21,7 @@
 /**
  * Non-volatile memory, provided by the port. copy: 0 or 1; offset + size <=
  * PARAMETER_STORE_COPY_BYTES. Each byte is written once after an erase. All return false on
- * failure.
+ * failure; bytes never written are none: they read as any value, 0xFF where erased.
  */
 typedef struct {
     void *context;
