@@ -467,10 +467,12 @@ static void follow_bus(bool bus_off, motor_node_t *node) {
 static void sample_current(const motor_node_input_t *input, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
     const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
-    uint64_t thousandths = (uint64_t)input->current_mA * 1000U / rated_mA;
-    node->current_mA = input->current_mA;
+    /* A simulated motor has no current: a board without one may measure anything. */
+    const uint32_t current_mA = od->sensor_source != 0U ? 0U : input->current_mA;
+    uint64_t thousandths = (uint64_t)current_mA * 1000U / rated_mA;
+    node->current_mA = current_mA;
     node->mean_square_mA2 =
-        derating_mean_square(node->mean_square_mA2, input->current_mA,
+        derating_mean_square(node->mean_square_mA2, current_mA,
                              od->derating_current_time_ms * 1000U, input->elapsed_us);
     if (thousandths > (uint64_t)INT16_MAX) {
         thousandths = (uint64_t)INT16_MAX;

@@ -12,8 +12,8 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x4B65DAEFU
-#define OD_PROTOCOL_HASH_TEXT "4b65daef"
+#define OD_PROTOCOL_HASH 0x28A10925U
+#define OD_PROTOCOL_HASH_TEXT "28a10925"
 /** Without that hash. */
 #define OD_SOFTWARE_VERSION "0.1.0"
 

@@ -6,12 +6,14 @@ ends with the byte that is waited for, or fails after WAIT_S.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import socket
 import struct
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-WAIT_S = 60.0
+WAIT_S = 20.0
 PAGE_ADDRESSES = (0x0800_8000, 0x0800_C000)
 CODE_ADDRESS = 0x2001_0000  # RAM that the image does not use
 
@@ -142,16 +144,32 @@ class Emulator:
         self.send(text.encode() + b"\r")
         return self.answers()
 
+    def await_board(self) -> None:
+        """Asks until the board answers: while it starts it does not listen."""
+        end = time.monotonic() + WAIT_S
+        self.line.settimeout(0.1)
+        while b"V" not in self.received:
+            assert time.monotonic() < end, "the board does not answer"
+            self.send(b"\rV\r")
+            with contextlib.suppress(TimeoutError):
+                self.received += self.line.recv(65536)
+        self.line.settimeout(WAIT_S)
+        self.send(b"N\r")  # whatever else was asked is answered before it
+        while not self.read_line()[0].startswith("N"):
+            pass
+
     def open(self) -> None:
         """Opens the channel of a board that has just started."""
+        self.await_board()
         assert not self.command("O").refused
 
     def open_after_reset(self) -> None:
         """Opens the channel as soon as the board is there again; it refuses before, being open."""
         end = time.monotonic() + WAIT_S
+        self.await_board()
         while self.command("O").refused:
             assert time.monotonic() < end, "no reset"
-            time.sleep(0.01)
+            self.await_board()
 
     # --- frames
 
@@ -202,28 +220,40 @@ class Emulator:
 
     # --- debugger
 
-    def debug(self, *commands: str) -> str:
-        """Runs gdb on the board that is halted meanwhile, and lets it go on."""
+    def debug(self, *commands: str, line: bytes = b"") -> str:
+        """Runs gdb on the board, which is halted meanwhile, and lets it go on. line: sent to the
+        board as soon as there is a breakpoint."""
         options = [f"--eval-command={command}" for command in (
             "set architecture arm", f"file {self.elf}", f"target remote {self.folder}/gdb",
             *commands, "delete", "detach",
         )]  # fmt: skip
-        done = subprocess.run(
+        process = subprocess.Popen(
             ["gdb-multiarch", "-nx", "-batch", *options], stdin=subprocess.DEVNULL,
-            capture_output=True, text=True, timeout=WAIT_S, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1,
         )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+        ending = threading.Timer(WAIT_S, process.kill)
+        ending.start()
+        said = ""
+        assert process.stdout is not None
+        for text in process.stdout:
+            said += text
+            if text.startswith("Breakpoint 1 at") and line:
+                self.send(line)
+        ending.cancel()
+        assert process.wait() == 0, said
+        return said
 
-    def run_in_node(self, code: Sequence[int], *commands: str) -> str:
-        """Lets the node's next step run other code (Thumb half-words) instead."""
+    def run_in_node(self, code: Sequence[int], *commands: str, line: bytes = b"") -> str:
+        """Lets the node's next step, which line may bring about, run other code (Thumb half-words)
+        instead."""
         words = [
             f"set {{unsigned short}}{CODE_ADDRESS + 2 * i:#x} = {word:#x}"
             for i, word in enumerate(code)
         ]
         return self.debug(
-            "break motor_node_step", "continue", *words, *commands, f"set $pc = {CODE_ADDRESS:#x}"
-        )
+            "break motor_node_step", "continue", *words, *commands,
+            f"set $pc = {CODE_ADDRESS:#x}", line=line,
+        )  # fmt: skip
 
 
 class SdoAbort(Exception):

@@ -125,3 +125,28 @@ void test_injected_sensors_are_a_reference_and_the_encoder_is_none_after_them(vo
     rig_step();
     TEST_ASSERT_FALSE(rig.node.referenced);
 }
+
+void test_injected_sensors_replace_the_current_too(void) {
+    power_on();
+    rig.input.current_mA = UINT32_MAX; /* a broken wire */
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.mean_square_mA2 != 0U);
+    rig_write(0x2F00, 0, 1, 1);
+    rig_inject(5000, 1, 0);
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.mean_square_mA2 == 0U);
+    TEST_ASSERT_EQUAL_INT16(0, rig.node.od.current_actual_value);
+    rig_nmt(1);
+    rig_step();
+    for (uint8_t tick = 0; tick < 3U; tick++) {
+        rig_inject(5000, (uint8_t)(tick + 2U), 0);
+        rig_cycle();
+    }
+    rig_control(0x06, -1);
+    rig_cycle();
+    rig_control(0x07, 0);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+}
