@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import NODE, PAGE, SERIAL, Boards
-from emulator import PAGE_ADDRESSES, Emulator, Frame, SdoAbort
+from emulator import CODE_ADDRESS, PAGE_ADDRESSES, Emulator, Frame, SdoAbort
 from hpmc.firmware_image import verify
 from hpmc.parameter_page import ParameterPage
 
@@ -205,11 +205,9 @@ def test_damaged_image_boots_disabled(boards: Boards, float_image: Path, tmp_pat
     with pytest.raises(AssertionError):
         joint.enable()
     assert joint.torque == 0
-    board.frames((0x600 + NODE, struct.pack("<BHBI", 0x40, 0x2200, 0, 0)))
-    reasons = [
-        frame.data for frame in joint.tick() if frame.id == 0x580 + NODE
-    ]
-    assert struct.unpack_from("<I", reasons[0], 4)[0] & 0x4000
+    request = struct.pack("<BHBI", 0x40, 0x2200, 0, 0)
+    answers = [f.data for f in joint.tick((0x600 + NODE, request)) if f.id == 0x580 + NODE]
+    assert struct.unpack_from("<I", answers[0], 4)[0] & 0x4000
 
 
 def test_length_beyond_the_flash_is_a_damaged_image(
@@ -228,8 +226,8 @@ def test_length_beyond_the_flash_is_a_damaged_image(
 @pytest.mark.parametrize(
     ("cause", "code", "commands"),
     [
-        # as at power-on, before the separate fault exceptions are on
-        (HARD, [0xDE00], ["set {unsigned int}0xE000ED24 = 0"]),
+        # str r1, [r0]; dsb; udf: SHCSR = 0 takes the separate exceptions away
+        (HARD, [0x6001, 0xF3BF, 0x8F4F, 0xDE00], ["set $r0 = 0xE000ED24", "set $r1 = 0"]),
         (MEMORY, [0x4700], [f"set $r0 = {NO_CODE_THERE:#x} + 1"]),  # bx r0
         (BUS, [0x6800], [f"set $r0 = {UNIQUE_ID:#x}"]),  # ldr r0, [r0]
         (USAGE, [0xDE00], []),  # udf
@@ -259,11 +257,11 @@ def test_fault_with_torque_on(
 
 def test_crash_record_names_the_place_and_counts(boards: Boards, float_image: Path) -> None:
     board = boards(float_image)
-    for resets in (1, 2):
-        board.run_in_node([0xBF00, 0xDE00])  # nop, udf
-        expect_reset(board, USAGE, resets)
-        assert board.read(NODE, 0x2203, 2) == 0x2001_0002
-        assert board.read(NODE, 0x2203, 5) == 1 << 16  # CFSR: undefined instruction
+    code = [0xBF00, 0xDE00]  # nop, udf
+    board.run_in_node(code, f"set $pc = {CODE_ADDRESS:#x}", "continue")
+    expect_reset(board, USAGE, resets=2)
+    assert board.read(NODE, 0x2203, 2) == CODE_ADDRESS + 2
+    assert board.read(NODE, 0x2203, 5) == 1 << 16  # CFSR: undefined instruction
     board.nmt(RESET_NODE, NODE)
     assert board.read(NODE, 0x2203, 1) == USAGE
     assert board.read(NODE, 0x1003, 0) == 0  # told once
@@ -279,13 +277,12 @@ def test_address_of_a_bus_fault(boards: Boards, float_image: Path) -> None:
 def test_supervisor_sees_main_stop(boards: Boards, float_image: Path) -> None:
     """Joint ticks go on, but nothing feeds the watchdog: the reset comes without it too."""
     board = boards(float_image)
-    code = 0x2001_0000
     board.debug(
-        "break usart_transmit", "continue",
-        f"set {{unsigned short}}{code:#x} = 0xE7FE", "set $primask = 0", f"set $pc = {code:#x}",
+        "break usart_transmit", "continue", f"set {{unsigned short}}{CODE_ADDRESS:#x} = 0xE7FE",
+        "set $primask = 0", f"set $pc = {CODE_ADDRESS:#x}",
     )  # fmt: skip
     expect_reset(board, SUPERVISOR)
-    assert board.read(NODE, 0x2203, 2) == code
+    assert board.read(NODE, 0x2203, 2) == CODE_ADDRESS
 
 
 # --- the serial line

@@ -150,3 +150,19 @@ void test_injected_sensors_replace_the_current_too(void) {
     rig_cycle();
     TEST_ASSERT_TRUE(rig.output.output_enabled);
 }
+
+void test_a_node_that_has_to_wait_for_its_node_id_tells_its_reset_then(void) {
+    const uint8_t give[3][8] = {{0x04, 1}, {0x11, NODE_ID}, {0x04, 0}};
+    rig.config.node_id = LSS_UNCONFIGURED;
+    rig.config.supervisor_reset = true;
+    power_on();
+    for (size_t i = 0; i < 3U; i++) {
+        rig_step();
+        TEST_ASSERT_EQUAL_HEX16(0, rig_emergency());
+        rig_send(0x7E5, 8, give[i]);
+    }
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(0x6010, rig_emergency()); /* with the new node-id */
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.pre_defined_error_field_number_of_errors);
+    TEST_ASSERT_EQUAL_HEX32(0x6010, rig.node.od.pre_defined_error_field[0]);
+}
