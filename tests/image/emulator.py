@@ -13,7 +13,6 @@ import socket
 import struct
 import subprocess
 import tempfile
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -220,40 +219,97 @@ class Emulator:
 
     # --- debugger
 
-    def debug(self, *commands: str, line: bytes = b"") -> str:
-        """Runs gdb on the board, which is halted meanwhile, and lets it go on. line: sent to the
-        board as soon as there is a breakpoint."""
-        options = [f"--eval-command={command}" for command in (
-            "set architecture arm", f"file {self.elf}", f"target remote {self.folder}/gdb",
-            *commands, "delete", "detach",
-        )]  # fmt: skip
-        process = subprocess.Popen(
-            ["gdb-multiarch", "-nx", "-batch", *options], stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1,
-        )  # fmt: skip
-        ending = threading.Timer(WAIT_S, process.kill)
-        ending.start()
-        said = ""
-        assert process.stdout is not None
-        for text in process.stdout:
-            said += text
-            if text.startswith("Breakpoint 1 at") and line:
-                self.send(line)
-        ending.cancel()
-        assert process.wait() == 0, said
-        return said
+    def symbol(self, name: str) -> int:
+        """Address of a function."""
+        listed = subprocess.run(
+            ["arm-none-eabi-nm", str(self.elf)], check=True, capture_output=True, text=True
+        ).stdout
+        return next(
+            int(line.split()[0], 16) for line in listed.splitlines() if line.split()[-1] == name
+        )
 
-    def run_in_node(self, code: Sequence[int], *commands: str, line: bytes = b"") -> str:
-        """Lets the node's next step, which line may bring about, run other code (Thumb half-words)
-        instead."""
-        words = [
-            f"set {{unsigned short}}{CODE_ADDRESS + 2 * i:#x} = {word:#x}"
-            for i, word in enumerate(code)
-        ]
-        return self.debug(
-            "break motor_node_step", "continue", *words, *commands,
-            f"set $pc = {CODE_ADDRESS:#x}", line=line,
-        )  # fmt: skip
+    def debug(self) -> Debugger:
+        """Halts the board until the debugger is closed."""
+        return Debugger(self.folder / "gdb")
+
+    def run_instead(
+        self, function: str, code: Sequence[int], registers: Sequence[int] = (),
+        line: bytes = b"", times: int = 1,
+    ) -> None:  # fmt: skip
+        """Runs other code (Thumb half-words) when a function is called next, which line, sent to
+        the board, may bring about. registers: r0 and on."""
+        with self.debug() as debugger:
+            debugger.write(CODE_ADDRESS, struct.pack(f"<{len(code)}H", *code))
+            debugger.set_breakpoint(self.symbol(function))
+            self.send(line)
+            for _ in range(times):
+                debugger.run()
+                for number, value in enumerate(registers):
+                    debugger.set_register(number, value)
+                debugger.set_register(PROGRAM_COUNTER, CODE_ADDRESS)
+            debugger.clear_breakpoint(self.symbol(function))
+
+
+PROGRAM_COUNTER = 15
+
+
+class Debugger:
+    """A client of QEMU's gdb stub: GDB's remote serial protocol, as far as it is needed here."""
+
+    def __init__(self, path: Path) -> None:
+        self.stub = socket.socket(socket.AF_UNIX)
+        self.stub.settimeout(WAIT_S)
+        self.stub.connect(str(path))
+        self.received = b""
+        self.ask("qXfer:features:read:target.xml:0,ffb")  # else it refuses to set registers
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ask("D")  # detach: the board goes on
+        self.stub.close()
+
+    def answer(self) -> str:
+        """The next packet."""
+        while not (match := re.search(rb"\$([^#]*)#..", self.received)):
+            more = self.stub.recv(4096)
+            assert more, "QEMU has ended"
+            self.received += more
+        self.received = self.received[match.end() :]
+        self.stub.sendall(b"+")
+        return match[1].decode()
+
+    def ask(self, request: str) -> str:
+        """One request and its answer."""
+        content = request.encode()
+        self.stub.sendall(b"$%s#%02x" % (content, sum(content) & 0xFF))
+        answer = self.answer()
+        while answer.startswith("T02") or (answer.startswith("T") and request not in ("c", "?")):
+            answer = self.answer()  # QEMU tells unasked that connecting has halted the board
+        assert not answer.startswith("E"), f"{request}: {answer}"
+        return answer
+
+    def write(self, address: int, content: bytes) -> None:
+        """Memory."""
+        assert self.ask(f"M{address:x},{len(content):x}:{content.hex()}") == "OK"
+
+    def set_register(self, number: int, value: int) -> None:
+        """r0 to r15."""
+        assert self.ask(f"P{number:x}={value.to_bytes(4, 'little').hex()}") == "OK"
+
+    def set_breakpoint(self, address: int) -> None:
+        """In flash or RAM."""
+        assert self.ask(f"Z0,{address:x},2") == "OK"
+
+    def clear_breakpoint(self, address: int) -> None:
+        """Takes it away."""
+        assert self.ask(f"z0,{address:x},2") == "OK"
+
+    def run(self) -> None:
+        """Goes on up to the breakpoint."""
+        answer = self.ask("c")
+        assert answer.startswith("T05"), answer
 
 
 class SdoAbort(Exception):

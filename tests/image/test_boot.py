@@ -22,6 +22,7 @@ FAULT_BITS = 0x4F
 ENABLED = 0x27
 
 HARD, MEMORY, BUS, USAGE, STACK, SUPERVISOR = 1, 2, 3, 4, 5, 6
+NODE_STEP = "motor_node_step"
 NO_CODE_THERE = 0xE000_0000  # the core's private region: never executable
 UNIQUE_ID = 0x1FFF_7A10  # not there in the emulator
 
@@ -224,12 +225,12 @@ def test_length_beyond_the_flash_is_a_damaged_image(
 
 
 @pytest.mark.parametrize(
-    ("cause", "code", "commands"),
+    ("cause", "code", "registers"),
     [
         # str r1, [r0]; dsb; udf: SHCSR = 0 takes the separate exceptions away
-        (HARD, [0x6001, 0xF3BF, 0x8F4F, 0xDE00], ["set $r0 = 0xE000ED24", "set $r1 = 0"]),
-        (MEMORY, [0x4700], [f"set $r0 = {NO_CODE_THERE:#x} + 1"]),  # bx r0
-        (BUS, [0x6800], [f"set $r0 = {UNIQUE_ID:#x}"]),  # ldr r0, [r0]
+        (HARD, [0x6001, 0xF3BF, 0x8F4F, 0xDE00], [0xE000_ED24, 0]),
+        (MEMORY, [0x4700], [NO_CODE_THERE + 1]),  # bx r0
+        (BUS, [0x6800], [UNIQUE_ID]),  # ldr r0, [r0]
         (USAGE, [0xDE00], []),  # udf
         (STACK, [0xB5FF, 0xE7FD], []),  # push all, again
         (STACK, [0xB0FF, 0x9000, 0xE7FC], []),  # a frame of 508 bytes jumps over the guard
@@ -238,7 +239,7 @@ def test_length_beyond_the_flash_is_a_damaged_image(
     ids=["hard", "memory", "bus", "usage", "stack", "stack-jump", "hang"],
 )
 def test_fault_with_torque_on(
-    boards: Boards, float_image: Path, cause: int, code: list[int], commands: list[str]
+    boards: Boards, float_image: Path, cause: int, code: list[int], registers: list[int]
 ) -> None:
     board = boards(float_image)
     joint = Joint(board)
@@ -246,7 +247,7 @@ def test_fault_with_torque_on(
     joint.number += 1
     sensors = struct.pack("<iBBh", 0, joint.number & 0xFF, 0, 250)
     line = f"t{0x500 + NODE:03X}8{sensors.hex().upper()}\r".encode()
-    board.run_in_node(code, *commands, line=line)
+    board.run_instead(NODE_STEP, code, registers, line)
     expect_reset(board, cause)
     joint = Joint(board)
     joint.tick((0x000, bytes([START, NODE])))
@@ -258,7 +259,7 @@ def test_fault_with_torque_on(
 def test_crash_record_names_the_place_and_counts(boards: Boards, float_image: Path) -> None:
     board = boards(float_image)
     code = [0xBF00, 0xDE00]  # nop, udf
-    board.run_in_node(code, f"set $pc = {CODE_ADDRESS:#x}", "continue")
+    board.run_instead(NODE_STEP, code, times=2)
     expect_reset(board, USAGE, resets=2)
     assert board.read(NODE, 0x2203, 2) == CODE_ADDRESS + 2
     assert board.read(NODE, 0x2203, 5) == 1 << 16  # CFSR: undefined instruction
@@ -269,7 +270,7 @@ def test_crash_record_names_the_place_and_counts(boards: Boards, float_image: Pa
 
 def test_address_of_a_bus_fault(boards: Boards, float_image: Path) -> None:
     board = boards(float_image)
-    board.run_in_node([0x6800], f"set $r0 = {UNIQUE_ID:#x}")
+    board.run_instead(NODE_STEP, [0x6800], [UNIQUE_ID])
     expect_reset(board, BUS)
     assert board.read(NODE, 0x2203, 7) == UNIQUE_ID
 
@@ -277,12 +278,9 @@ def test_address_of_a_bus_fault(boards: Boards, float_image: Path) -> None:
 def test_supervisor_sees_main_stop(boards: Boards, float_image: Path) -> None:
     """Joint ticks go on, but nothing feeds the watchdog: the reset comes without it too."""
     board = boards(float_image)
-    board.debug(
-        "break usart_transmit", "continue", f"set {{unsigned short}}{CODE_ADDRESS:#x} = 0xE7FE",
-        "set $primask = 0", f"set $pc = {CODE_ADDRESS:#x}",
-    )  # fmt: skip
+    board.run_instead("usart_transmit", [0xB662, 0xE7FE])  # cpsie i; a loop without end
     expect_reset(board, SUPERVISOR)
-    assert board.read(NODE, 0x2203, 2) == CODE_ADDRESS
+    assert board.read(NODE, 0x2203, 2) == CODE_ADDRESS + 2
 
 
 # --- the serial line
