@@ -1,8 +1,8 @@
 /**
  * Why a device was reset, as far as its port could keep it over the reset: object 2203h.
  *
- * The registers are those of an ARMv7-M core (ARM DDI 0403E, B1.5.6 and B3.2.15 to B3.2.18), 0 where
- * the cause gives none.
+ * The registers are those of an ARMv7-M core (ARM DDI 0403E, B1.5.6 and B3.2.15 to B3.2.18), 0
+ * where the cause gives none.
  */
 #ifndef CRASH_RECORD_H
 #define CRASH_RECORD_H

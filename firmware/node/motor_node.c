@@ -96,7 +96,8 @@ void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
     lss_init(node->stored_node_id, &node->lss);
     reset_communication(config, node);
     drive_init(&node->drive);
-    node->referenced = config->referenced;
+    node->encoder_absolute = config->referenced;
+    node->referenced = config->referenced || config->sensor_source != 0U;
     node->clock_fallback = config->clock_fallback;
     node->image_damaged = config->image_damaged;
     if (config->crash != NULL) {

@@ -47,7 +47,8 @@ typedef struct {
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
     bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
     bool image_damaged;     /**< the image's checksum is wrong: enabling is refused */
-    bool clock_fallback;    /**< on the internal oscillator: enabling is refused */
+    bool clock_fallback;    /**< on the internal oscillator: enabling is refused in the
+                                 free-running time base */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
     const crash_record_t *crash;      /**< of the reset before; NULL: none is kept */
     const char *software_version;     /**< 100Ah; NULL: version and protocol hash */
@@ -123,6 +124,7 @@ typedef struct {
     uint32_t since_command_us;
 
     bool referenced;
+    bool encoder_absolute; /**< referenced from the begin */
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */

@@ -107,7 +107,7 @@ static uint16_t refusals(int8_t mode, const motor_node_t *node) {
     if (node->image_damaged) {
         reasons |= LIMIT_REASON_IMAGE;
     }
-    if (node->clock_fallback) {
+    if (node->clock_fallback && od->time_base == 0U) { /* else time is the rig's */
         reasons |= LIMIT_REASON_CLOCK;
     }
     if (mode != MODE_HOMING && (node->nmt != NMT_OPERATIONAL || !has_fresh_command(node))) {

@@ -117,6 +117,11 @@ static sdo_abort_t write(void *device, const od_entry_t *entry, uint32_t value) 
         break;
     case OD_SENSOR_SOURCE:
         node->position_known = false;
+        if (value != od->sensor_source) { /* another zero: injected positions are absolute */
+            node->offset_inc = 0;
+            node->index_referenced = false;
+            node->referenced = value != 0U || node->encoder_absolute;
+        }
         break;
     case OD_CONTROLWORD:
         node_drive_controlword((uint16_t)value, node);

@@ -18,7 +18,6 @@
 #define ERASED 0xFFFFFFFFU
 #define SERIAL_NUMBER 4U /* sub-index of 1018h */
 
-
 typedef struct {
     bool whole;
     uint8_t node_id;
@@ -169,8 +168,7 @@ static bool writes(parameter_source_t source, const od_entry_t *entry) {
            (source == PARAMETER_STORE_VALUES || entry->index == OD_IDENTITY_OBJECT);
 }
 
-static void put_values(parameter_source_t source, const object_dictionary_t *od,
-                       writer_t *writer) {
+static void put_values(parameter_source_t source, const object_dictionary_t *od, writer_t *writer) {
     for (size_t i = 0; i < OD_ENTRY_COUNT; i++) {
         const od_entry_t *entry = &object_dictionary_entries[i];
         if (writes(source, entry)) {

@@ -44,8 +44,8 @@ bool parameter_store_has(const od_entry_t *entry);
  * stored is lost. */
 bool parameter_store_damaged(const parameter_memory_t *memory);
 
-/** Sets the stored values and *node_id. False when no copy is whole or the memory fails: od may then
- * hold a part of them and is to be set anew; *node_id is as before. */
+/** Sets the stored values and *node_id. False when no copy is whole or the memory fails: od may
+ * then hold a part of them and is to be set anew; *node_id is as before. */
 bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t *od,
                           uint8_t *node_id);
 
