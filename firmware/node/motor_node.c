@@ -96,7 +96,7 @@ void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
     lss_init(node->stored_node_id, &node->lss);
     reset_communication(config, node);
     drive_init(&node->drive);
-    node->encoder_absolute = config->referenced;
+    node->encoder_referenced = config->referenced;
     node->referenced = config->referenced || config->sensor_source != 0U;
     node->clock_fallback = config->clock_fallback;
     node->image_damaged = config->image_damaged;

@@ -124,7 +124,7 @@ typedef struct {
     uint32_t since_command_us;
 
     bool referenced;
-    bool encoder_absolute; /**< referenced from the begin */
+    bool encoder_referenced; /**< without homing: an absolute encoder */
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */

@@ -1,7 +1,7 @@
 /* When a free-running node takes its joint ticks. */
 #include "unity.h"
 
-#include "port/timing/tick_schedule.h"
+#include "port/posix/tick_schedule.h"
 
 #define MS INT64_C(1000000)
 

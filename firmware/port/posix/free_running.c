@@ -12,7 +12,7 @@
 #include "port/posix/node_filters.h"
 #include "port/posix/parameter_file.h"
 #include "port/posix/stop_signal.h"
-#include "port/timing/tick_schedule.h"
+#include "port/posix/tick_schedule.h"
 
 enum { EXIT_RUN_ENDED = 3, ELAPSED_MAX_us = 1000000 };
 

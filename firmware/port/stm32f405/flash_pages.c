@@ -4,6 +4,7 @@
 
 #include "port/stm32f405/register_bus.h"
 #include "port/stm32f405/registers.h"
+#include "port/stm32f405/watchdog.h"
 
 #define KEY_1 0x45670123U /* RM0090, section 3.6.1 */
 #define KEY_2 0xCDEF89ABU
@@ -52,13 +53,14 @@ static bool read_bytes(void *context, uint8_t copy, size_t offset, uint8_t *data
 
 static bool erase(void *context, uint8_t copy) {
     (void)context;
-    bool done = unlock();
+    bool done = unlock() && watchdog_set_window(WATCHDOG_WINDOW_FLASH_us);
     if (done) {
         register_write(FLASH_CR, FLASH_CR_SER |
                                      register_field(FLASH_CR_SNB, FLASH_PAGES_FIRST_SECTOR + copy));
         register_set(FLASH_CR, FLASH_CR_STRT);
         done = ready();
     }
+    (void)watchdog_set_window(WATCHDOG_WINDOW_MOVING_us); /* else the wide one stays: safe enough */
     lock();
     for (size_t i = 0; done && i < PARAMETER_STORE_COPY_BYTES; i++) {
         done = *at(copy, i) == ERASED;

@@ -4,8 +4,10 @@
  * | handler | priority | does |
  * |---|---|---|
  * | faults | -1 .. 0 | torque off, record, reset (fault.h) |
- * | interrupt_time, SysTick | 0 | time base, supervisor, asks for the joint tick |
- * | interrupt_usart1, CAN | 1 | receive into rings, ask for the node |
+ * | interrupt_time, SysTick | 0 | clock, supervisor; off the crystal it asks for the joint tick |
+ * | interrupt_tick_timer, TIM2 | 1 | asks for the joint tick, in step with SYNC |
+ * | interrupt_can_cyclic, _other | 1 | receive into a ring; SYNC disciplines TIM2 |
+ * | interrupt_usart1 | 1 | receives into a ring |
  * | interrupt_node, PendSV | 15 | the node: frames, joint tick |
  * | main | | sends out bytes, feeds the watchdog |
  *
@@ -22,6 +24,9 @@
 
 void interrupt_time(void);
 void interrupt_node(void);
+void interrupt_tick_timer(void);
+void interrupt_can_cyclic(void);
+void interrupt_can_other(void);
 void interrupt_usart1(void);
 
 /** Sets the priorities of the core's own exceptions. */

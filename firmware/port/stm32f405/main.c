@@ -1,25 +1,35 @@
 /*
- * motor_node on the STM32F405: puts the node, its bus and its joint together. Which exception runs
- * what, and why, is in interrupts.h; docs/firmware_image.md has the timing.
+ * motor_node on the STM32F405: puts the node, its bus and its joint together. What runs at which
+ * priority is in interrupts.h; docs/firmware_image.md has the timing.
+ *
+ * Bus: CAN on the crystal's clock with a controller that answers; else SLCAN over the serial line.
+ * Both fill the queue of frames of slcan_node, which has the rule of the stepped time base.
  */
-#include <string.h>
-
 #include "node/motor_node.h"
 #include "port/slcan/slcan_node.h"
+#include "port/stm32f405/board_pins.h"
+#include "port/stm32f405/bxcan.h"
 #include "port/stm32f405/clock.h"
+#include "port/stm32f405/dip_switch.h"
 #include "port/stm32f405/fault.h"
 #include "port/stm32f405/flash_pages.h"
 #include "port/stm32f405/interrupts.h"
+#include "port/stm32f405/joint_io.h"
 #include "port/stm32f405/register_bus.h"
 #include "port/stm32f405/registers.h"
+#include "port/stm32f405/tick_timer.h"
 #include "port/stm32f405/time_base.h"
 #include "port/stm32f405/unique_id.h"
 #include "port/stm32f405/usart.h"
 #include "port/stm32f405/version_block.h"
-#include "port/timing/tick_schedule.h"
+#include "port/stm32f405/watchdog.h"
 
-#define SUPERVISOR_ns 50000000
-#define ELAPSED_MAX_us 1000000
+#define SUPERVISOR_us 50000U
+#define ELAPSED_MAX_us 1000000U
+/* SysTick's beat: joint ticks on the internal oscillator come with it; the supervisor alone can do
+ * with less. */
+#define BEAT_us 1000U
+#define BEAT_STEPPED_us 10000U
 
 void main_prepare(void); /* of startup.c, as main */
 
@@ -29,21 +39,30 @@ static char software_version[VERSION_BLOCK_TEXT_MAX];
 static motor_node_config_t config;
 static motor_node_t node;
 static motor_node_input_t input;   /* not on the stack, which is small; only of the node's */
-static motor_node_output_t output; /* exception, as all below */
-static slcan_node_t slcan;
+static motor_node_output_t output; /* exception, as all that follows */
+static slcan_node_t frames;
 static slcan_node_text_t text;
-static tick_schedule_t schedule;
-static int64_t last_step_us;
+static bxcan_t can;
+static bool on_can;
+static uint8_t filtered_id;
+static tick_timer_t tick_timer;
+static uint32_t last_step_us;
+static volatile bool tick_due; /* set by the timers */
 
 /* The supervisor's: written by main and by the node's exception, read by the time's. */
 static volatile bool main_alive;
 static volatile bool ticks_alive;
-static int64_t alive_ns;
+static uint32_t alive_us;
 
 /* --- the node */
 
 static bool is_stepped(void) {
     return node.od.time_base != 0U;
+}
+
+/** Off the bench's clock the amplifier stays off: the torque is told over the bus alone. */
+static void act(void) {
+    joint_io_write(output.torque_mNm, output.output_enabled && !is_stepped() && clock.crystal);
 }
 
 static void send_text(void) {
@@ -52,22 +71,37 @@ static void send_text(void) {
     }
 }
 
-static uint32_t since_last_step_us(void) {
-    const int64_t elapsed_us = time_base_now_ns() / 1000 - last_step_us;
-    last_step_us += elapsed_us;
-    return elapsed_us < ELAPSED_MAX_us ? (uint32_t)elapsed_us : ELAPSED_MAX_us;
+static void send_frames(void) {
+    if (on_can) {
+        (void)bxcan_send(output.frames, output.frame_count, &can); /* a loss is counted there */
+        frames.answers_due = 0;
+        if (filtered_id != node.node_id) {
+            filtered_id = node.node_id;
+            bxcan_filter(filtered_id);
+        }
+    } else {
+        slcan_node_output(&output, &frames, &text);
+        send_text();
+    }
 }
 
 static void step(void) {
-    input.elapsed_us = since_last_step_us();
-    slcan_node_input(&slcan, &input);
+    const uint32_t now_us = time_base_now_us();
+    const uint32_t elapsed_us = now_us - last_step_us;
+    last_step_us = now_us;
+    input.elapsed_us = elapsed_us < ELAPSED_MAX_us ? elapsed_us : ELAPSED_MAX_us;
+    joint_io_sample(&input);
+    slcan_node_input(&frames, &input);
+    if (on_can) {
+        input.bus_off = bxcan_poll(&can);
+    }
     motor_node_step(&config, &node, &input, &output);
-    ticks_alive = true;
+    act();
     if (output.reset_requested) {
         motor_node_restart(&config, &node);
     }
-    slcan_node_output(&output, &slcan, &text);
-    send_text();
+    send_frames();
+    ticks_alive = true;
 }
 
 static void receive_bytes(void) {
@@ -75,9 +109,9 @@ static void receive_bytes(void) {
     uint8_t byte = 0;
     while ((event = usart_receive(&byte)) != USART_EMPTY) {
         if (event == USART_LOST) {
-            slcan_node_lose(&slcan);
+            slcan_node_lose(&frames);
         } else {
-            const bool due = slcan_node_receive(&node, byte, &slcan, &text);
+            const bool due = slcan_node_receive(&node, byte, &frames, &text);
             send_text();
             if (due) {
                 step();
@@ -86,59 +120,103 @@ static void receive_bytes(void) {
     }
 }
 
-/** Free-running: the joint tick, if it is due. Stepped: none is due by time. */
-static void keep_time(void) {
-    if (is_stepped()) {
-        return;
+static void receive_frames(void) {
+    can_frame_t frame;
+    while (bxcan_receive(&can, &frame, 1) != 0U) {
+        if (slcan_node_take(&node, &frame, &frames, &text)) {
+            step();
+        }
     }
-    int64_t now_ns = time_base_now_ns();
-    if (now_ns >= schedule.next_ns) {
-        tick_schedule_tick(now_ns, node.od.fic_joint_ticks_per_sync, &schedule);
-        step();
-    }
-    time_base_alarm(schedule.next_ns);
 }
 
 void interrupt_node(void) {
-    receive_bytes();
-    keep_time();
+    if (on_can) {
+        receive_frames();
+    } else {
+        receive_bytes();
+    }
+    if (tick_due) {
+        tick_due = false;
+        if (!is_stepped()) {
+            step();
+        }
+    }
+}
+
+static void request_tick(void) {
+    tick_due = true;
+    interrupts_request_node();
+}
+
+/* --- peripherals' interrupts */
+
+void interrupt_tick_timer(void) {
+    tick_timer_interrupt(&tick_timer);
+    request_tick();
+}
+
+static void receive_fifo(uint32_t fifo) {
+    if (bxcan_receive_interrupt(fifo, &can)) {
+        tick_timer_sync(node.od.fic_joint_ticks_per_sync, &tick_timer);
+    }
+    if (is_stepped()) {
+        interrupts_request_node();
+    }
+}
+
+void interrupt_can_cyclic(void) {
+    receive_fifo(BXCAN_FIFO_CYCLIC);
+}
+
+void interrupt_can_other(void) {
+    receive_fifo(BXCAN_FIFO_OTHER);
 }
 
 /* --- time and supervisor */
 
-/** Main goes round at least at every expiry; joint ticks come at least each period. */
+/** Main goes round at least at every beat; joint ticks come at least as often. */
 static bool is_alive(void) {
     return main_alive && (ticks_alive || is_stepped());
 }
 
-__attribute__((used)) static void expire(const uint32_t *frame) {
+__attribute__((used)) static void beat(const uint32_t *frame) {
     time_base_expired();
-    const int64_t now_ns = time_base_now_ns();
+    const uint32_t now_us = time_base_now_us();
     if (is_alive()) {
         main_alive = false;
         ticks_alive = false;
-        alive_ns = now_ns;
-    } else if (now_ns - alive_ns > SUPERVISOR_ns) {
+        alive_us = now_us;
+    } else if (now_us - alive_us > SUPERVISOR_us) {
         fault_end(CRASH_SUPERVISOR, frame);
     } else {
         /* still within its time */
     }
-    interrupts_request_node();
+    time_base_set_beat(is_stepped() ? BEAT_STEPPED_us : BEAT_us);
+    if (!on_can) {
+        request_tick();
+    }
 }
 
 /* A shim for the place that was interrupted, which the crash record tells. */
 __attribute__((naked)) void interrupt_time(void) {
-    __asm__ volatile("mrs r0, msp\n\tb expire");
+    __asm__ volatile("mrs r0, msp\n\tb beat");
 }
 
 /* --- power-on */
 
 static void configure(void) {
+    const bool by_watchdog = (register_read(RCC_CSR) & RCC_CSR_WDGRSTF) != 0U;
+    register_set(RCC_CSR, RCC_CSR_RMVF);
+    if (by_watchdog) {
+        fault_keep(CRASH_WATCHDOG);
+    }
     const bool after_fault = fault_take_record(&crash);
+    const uint8_t switched = dip_switch_read();
     version_block_text(software_version);
     config = (motor_node_config_t){
-        .node_id = LSS_UNCONFIGURED,
-        .serial_number = unique_id_serial_number(),
+        .node_id = switched,
+        .node_id_by_switch = switched != LSS_UNCONFIGURED,
+        .serial_number = unique_id_serial(fault_probe, 0),
         .supervisor_reset = after_fault,
         .image_damaged = !version_block_image_is_whole(),
         .clock_fallback = !clock.crystal,
@@ -151,18 +229,35 @@ static void configure(void) {
 
 /* With no interrupt enabled yet: its stack does not add to theirs. */
 void main_prepare(void) {
+    joint_io_start();
     fault_init();
     interrupts_init();
     clock = clock_init();
     configure();
+    filtered_id = node.node_id;
+    if (clock.crystal) {
+        on_can = bxcan_start(filtered_id, &can) != BXCAN_ABSENT;
+    }
+    (void)watchdog_start(WATCHDOG_WINDOW_MOVING_us);
+}
+
+static void start_ticks(void) {
+    time_base_start(clock.core_MHz, BEAT_us);
+    if (on_can) {
+        tick_timer_start(&tick_timer);
+        interrupts_enable(IRQ_TIM2);
+        interrupts_enable(IRQ_CAN1_RX0);
+        interrupts_enable(IRQ_CAN1_RX1);
+    } else {
+        usart_init(clock.apb2_Hz);
+    }
 }
 
 int main(void) {
-    usart_init(clock.apb2_Hz);
-    tick_schedule_start(0, &schedule);
-    time_base_init(clock.core_MHz);
+    start_ticks();
     for (;;) {
         main_alive = true;
+        watchdog_feed();
         const bool sent = usart_transmit();
         const uint32_t before = interrupts_block();
         if (sent && usart_transmit()) { /* nothing has come in between: sleep until it does */

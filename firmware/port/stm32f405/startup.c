@@ -36,6 +36,9 @@ __attribute__((section(".vectors"), used)) static const vector_t vectors[CORE_VE
     [14] = {.handler = interrupt_node},
     [15] = {.handler = interrupt_time},
     [CORE_VECTORS ... CORE_VECTORS + INTERRUPTS - 1U] = {.handler = fault_entry},
+    [CORE_VECTORS + IRQ_CAN1_RX0] = {.handler = interrupt_can_cyclic},
+    [CORE_VECTORS + IRQ_CAN1_RX1] = {.handler = interrupt_can_other},
+    [CORE_VECTORS + IRQ_TIM2] = {.handler = interrupt_tick_timer},
     [CORE_VECTORS + IRQ_USART1] = {.handler = interrupt_usart1},
 };
 

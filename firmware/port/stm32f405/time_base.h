@@ -1,26 +1,24 @@
 /**
- * The node's clock and alarm, both from the core's SysTick (ARM DDI 0403E, B3.3): time in ns since
- * start that never goes back, and one expiry at a time, at most 10 ms away.
+ * The node's clock and the supervisor's beat, both from the core's SysTick (ARM DDI 0403E, B3.3).
  *
- * Starting SysTick anew loses the few cycles that it takes, less than 0.1 us a tick; SYNC takes
- * that out again. Called with interrupts blocked or from one priority only, but time_base_now_ns.
+ * The clock counts core cycles in whole beats and what has passed of the one under way; it never
+ * goes back. time_base_expired and time_base_set_beat: in SysTick's handler only.
  */
 #ifndef TIME_BASE_H
 #define TIME_BASE_H
 
 #include <stdint.h>
 
-#define TIME_BASE_MAX_ns 10000000
+/** core_MHz: 16 to 168. beat_us: 100 to 10000. */
+void time_base_start(uint32_t core_MHz, uint32_t beat_us);
 
-/** core_MHz: clock of the core, 16 to 168. The first expiry is one TIME_BASE_MAX_ns away. */
-void time_base_init(uint32_t core_MHz);
+/** Time since start, modulo 2^32: differences below one hour are what it is for. */
+uint32_t time_base_now_us(void);
 
-int64_t time_base_now_ns(void);
-
-/** The next expiry is at this time, or as soon as possible, or after TIME_BASE_MAX_ns. */
-void time_base_alarm(int64_t at_ns);
-
-/** From the handler of SysTick: the next expiry is TIME_BASE_MAX_ns away until time_base_alarm. */
+/** A beat has ended. */
 void time_base_expired(void);
+
+/** Another length of the beat, from the next one on. */
+void time_base_set_beat(uint32_t beat_us);
 
 #endif

@@ -1,18 +1,25 @@
 #include "port/stm32f405/unique_id.h"
 
-#include "node/crc32.h"
-#include "port/stm32f405/fault.h"
+#define FNV_OFFSET 2166136261U
+#define FNV_PRIME 16777619U
 
-#define UNIQUE_ID_ADDRESS 0x1FFF7A10U
-#define WORDS 3U
-
-uint32_t unique_id_serial_number(void) {
-    uint32_t words[WORDS];
-    for (uint32_t i = 0; i < WORDS; i++) {
-        if (!fault_probe(UNIQUE_ID_ADDRESS + 4U * i, &words[i])) {
-            return 0;
+uint32_t unique_id_serial(unique_id_read_t read, uint32_t fallback) {
+    uint32_t hash = FNV_OFFSET;
+    uint32_t any = 0;
+    uint32_t all = UINT32_MAX;
+    for (uint32_t i = 0; i < UNIQUE_ID_WORDS; i++) {
+        uint32_t word = 0;
+        if (!read(UNIQUE_ID_ADDRESS + 4U * i, &word)) {
+            return fallback;
+        }
+        any |= word;
+        all &= word;
+        for (uint32_t shift = 0; shift < 32U; shift += 8U) {
+            hash = (hash ^ ((word >> shift) & 0xFFU)) * FNV_PRIME;
         }
     }
-    const uint32_t serial = crc32((const uint8_t *)words, sizeof words, 0);
-    return serial == 0U ? 1U : serial;
+    if (any == 0U || all == UINT32_MAX) {
+        return fallback; /* nothing was programmed there */
+    }
+    return hash != 0U ? hash : 1U;
 }

@@ -1,5 +1,6 @@
 #include "port/stm32f405/usart.h"
 
+#include "port/stm32f405/board_pins.h"
 #include "port/stm32f405/interrupts.h"
 #include "port/stm32f405/register_bus.h"
 #include "port/stm32f405/registers.h"
@@ -7,11 +8,6 @@
 /* Powers of two. Received: 32 frames of 22 characters; to send: twice what one step gives. */
 #define RECEIVE_SIZE 512U
 #define SEND_SIZE 512U
-#define ALTERNATE_FUNCTION 2U
-#define PULL_UP 1U
-#define AF_USART1 7U
-#define PIN_TX 9U
-#define PIN_RX 10U
 #define ERRORS (USART1_SR_PE | USART1_SR_FE | USART1_SR_NF | USART1_SR_ORE)
 
 /* Each index is written by one side only, after the bytes. */
@@ -25,18 +21,10 @@ static volatile bool lost;
 static volatile uint16_t lost_at; /* place in the ring of the first loss that was not told yet */
 static usart_counters_t counters;
 
-static void pin_init(uint32_t pin) {
-    const uint32_t high = pin - 8U;
-    register_modify(GPIO_AFRH(GPIOA_BASE), 0xFU << (4U * high), AF_USART1 << (4U * high));
-    register_modify(GPIO_PUPDR(GPIOA_BASE), 3U << (2U * pin), PULL_UP << (2U * pin));
-    register_modify(GPIO_MODER(GPIOA_BASE), 3U << (2U * pin), ALTERNATE_FUNCTION << (2U * pin));
-}
-
 void usart_init(uint32_t apb2_Hz) {
-    register_set(RCC_AHB1ENR, RCC_AHB1ENR_GPIOAEN);
     register_set(RCC_APB2ENR, RCC_APB2ENR_USART1EN);
-    pin_init(PIN_TX);
-    pin_init(PIN_RX);
+    gpio_configure(PIN_USART_TX);
+    gpio_configure(PIN_USART_RX);
     register_write(USART1_BRR, apb2_Hz / USART_BAUD); /* oversampling by 16: both in 1/16 */
     register_write(USART1_CR1,
                    USART1_CR1_UE | USART1_CR1_RXNEIE | USART1_CR1_TE | USART1_CR1_RE);

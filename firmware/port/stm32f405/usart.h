@@ -25,6 +25,7 @@ typedef struct {
     uint32_t sent_lost;     /**< texts that found no room */
 } usart_counters_t;
 
+/** After gpio_start(). */
 void usart_init(uint32_t apb2_Hz);
 
 /** Next received byte, or that some were lost before it. From one context only. */

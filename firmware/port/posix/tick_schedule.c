@@ -1,4 +1,4 @@
-#include "port/timing/tick_schedule.h"
+#include "port/posix/tick_schedule.h"
 
 void tick_schedule_start(int64_t now_ns, tick_schedule_t *schedule) {
     *schedule = (tick_schedule_t){.next_ns = now_ns};
