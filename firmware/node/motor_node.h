@@ -47,8 +47,8 @@ typedef struct {
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
     bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
     bool image_damaged;     /**< the image's checksum is wrong: enabling is refused */
-    bool clock_fallback;    /**< on the internal oscillator: enabling is refused in the
-                                 free-running time base */
+    bool clock_fallback; /**< on the internal oscillator: enabling is refused while node time comes
+                              from it (2F01h = 0) */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
     const crash_record_t *crash;      /**< of the reset before; NULL: none is kept */
     const char *software_version;     /**< 100Ah; NULL: version and protocol hash */
@@ -85,7 +85,7 @@ typedef struct {
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
 #define LIMIT_REASON_IMAGE 0x4000U          /**< the image is damaged */
-#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator */
+#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator, free-running */
 
 /** Modes of operation (6060h). */
 #define MODE_FRACTAL_IMPEDANCE (-1)

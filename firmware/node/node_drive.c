@@ -76,6 +76,12 @@ static homing_config_t homing_of(const object_dictionary_t *od) {
     return config;
 }
 
+int32_t node_drive_position(int64_t position_inc) {
+    return position_inc > INT32_MAX   ? INT32_MAX
+           : position_inc < INT32_MIN ? INT32_MIN
+                                      : (int32_t)position_inc;
+}
+
 static uint64_t distance(int32_t a, int32_t b) {
     const int64_t difference = (int64_t)a - b;
     return (uint64_t)(difference < 0 ? -difference : difference);
@@ -107,7 +113,7 @@ static uint16_t refusals(int8_t mode, const motor_node_t *node) {
     if (node->image_damaged) {
         reasons |= LIMIT_REASON_IMAGE;
     }
-    if (node->clock_fallback && od->time_base == 0U) { /* else time is the rig's */
+    if (node->clock_fallback && od->time_base == 0U) {
         reasons |= LIMIT_REASON_CLOCK;
     }
     if (mode != MODE_HOMING && (node->nmt != NMT_OPERATIONAL || !has_fresh_command(node))) {
@@ -177,15 +183,15 @@ static void halt(motor_node_t *node) {
 static void set_home(int32_t encoder_inc, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
     const int64_t offset = (int64_t)od->home_offset - encoder_inc;
-    const int64_t shift = offset - node->offset_inc;
-    const int64_t position = od->position_actual_value + shift;
+    const int64_t position = node->encoder_inc + offset;
     if (offset < INT32_MIN || offset > INT32_MAX || position < INT32_MIN || position > INT32_MAX) {
         node->homing.phase = HOMING_FAILED;
         return;
     }
+    const int64_t shift = offset - node->offset_inc;
     node->offset_inc = (int32_t)offset;
     od->position_actual_value = (int32_t)position;
-    node->speed_from_inc = (int32_t)(node->speed_from_inc + shift);
+    node->speed_from_inc = node_drive_position(node->speed_from_inc + shift);
     node->referenced = true;
 }
 
@@ -195,7 +201,7 @@ static void command_homing(bool wants, bool wanted, motor_node_t *node) {
     if (wants && !wanted && !node->halted) {
         homing_start(&config, node->od.position_actual_value, &node->homing);
         if (node->homing.phase == HOMING_ATTAINED) {
-            set_home(node->od.position_actual_value - node->offset_inc, node);
+            set_home(node->encoder_inc, node);
         } else {
             node->referenced = false;
             node->index_referenced = false;

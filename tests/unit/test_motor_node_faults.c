@@ -641,10 +641,10 @@ void test_enabling_on_the_internal_oscillator_is_refused(void) {
     TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_CLOCK, rig.node.od.limit_reasons);
 }
 
-void test_in_the_stepped_time_base_the_oscillator_does_not_matter(void) {
+void test_the_internal_oscillator_does_not_matter_to_a_stepped_node(void) {
     rig.config.clock_fallback = true;
-    rig.config.time_base = 1;
     motor_node_init(&rig.config, &rig.node);
+    rig_write(0x2F01, 0, 1, 1);
     rig_start();
     rig_enable();
     TEST_ASSERT_TRUE(rig.output.output_enabled);

@@ -104,6 +104,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"parameters", required_argument, NULL, 'P'},
         {"referenced", no_argument, NULL, 'R'},
         {"after-watchdog", no_argument, NULL, 'W'},
+        {"internal-oscillator", no_argument, NULL, 'O'},
         {"temperature-dC", required_argument, NULL, 'T'},
         {"inertia", required_argument, NULL, 'I'},
         {"viscous-friction", required_argument, NULL, 'V'},
@@ -169,6 +170,9 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'W':
             o->alone.supervisor_reset = true;
             break;
+        case 'O':
+            o->alone.clock_fallback = true;
+            break;
         case 'T':
             ok = parse_long(optarg, -2730, 32767, "temperature-dC", &temperature_dC);
             break;
@@ -202,6 +206,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                       "[--stall-timeout-ms N]\n"
                       "       motor_node --id 1..127|255 --free-running [--can IF] [--serial N] "
                       "[--parameters FILE] [--referenced] [--after-watchdog] "
+                      "[--internal-oscillator] "
                       "[--temperature-dC N] [--inertia X] "
                       "[--viscous-friction X] [--coulomb-friction X] "
                       "[--torque-constant X] [--index-rad X]\n"

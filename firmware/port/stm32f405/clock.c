@@ -27,19 +27,18 @@ static bool start_crystal(void) {
     if (!register_wait(RCC_CR, RCC_CR_HSERDY, RCC_CR_HSERDY, ATTEMPTS_CRYSTAL)) {
         return false;
     }
-    register_write(RCC_PLLCFGR,
-                   register_field(RCC_PLLCFGR_PLLM, PLL_M) |
-                       register_field(RCC_PLLCFGR_PLLN, PLL_N) |
-                       register_field(RCC_PLLCFGR_PLLP, PLL_P) | RCC_PLLCFGR_PLLSRC |
-                       register_field(RCC_PLLCFGR_PLLQ, PLL_Q));
+    register_write(RCC_PLLCFGR, register_field(RCC_PLLCFGR_PLLM, PLL_M) |
+                                    register_field(RCC_PLLCFGR_PLLN, PLL_N) |
+                                    register_field(RCC_PLLCFGR_PLLP, PLL_P) | RCC_PLLCFGR_PLLSRC |
+                                    register_field(RCC_PLLCFGR_PLLQ, PLL_Q));
     register_set(RCC_CR, RCC_CR_PLLON);
     if (!register_wait(RCC_CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY, ATTEMPTS)) {
         return false;
     }
     register_write(FLASH_ACR, register_field(FLASH_ACR_LATENCY, WAIT_STATES) | FLASH_ACR_PRFTEN |
                                   FLASH_ACR_ICEN | FLASH_ACR_DCEN);
-    if (!register_wait(FLASH_ACR, FLASH_ACR_LATENCY,
-                       register_field(FLASH_ACR_LATENCY, WAIT_STATES), ATTEMPTS)) {
+    if (!register_wait(FLASH_ACR, FLASH_ACR_LATENCY, register_field(FLASH_ACR_LATENCY, WAIT_STATES),
+                       ATTEMPTS)) {
         return false;
     }
     register_modify(RCC_CFGR, RCC_CFGR_HPRE | RCC_CFGR_PPRE1 | RCC_CFGR_PPRE2,

@@ -33,8 +33,8 @@ typedef struct {
 } kept_t;
 
 __attribute__((section(".noinit"))) static kept_t kept;
-__attribute__((section(".noinit"), aligned(8), used)) static uint8_t
-    fault_stack[EMERGENCY_STACK_BYTES];
+__attribute__((section(".noinit"), aligned(8),
+               used)) static uint8_t fault_stack[EMERGENCY_STACK_BYTES];
 
 static volatile bool probing;
 static volatile bool probe_failed;
@@ -47,11 +47,9 @@ void fault_init(void) {
     /* Region 0: no access; 32 bytes; what no region covers stays as it is. */
     register_write(MPU_RNR, 0);
     register_write(MPU_RBAR, (uint32_t)(uintptr_t)stack_guard);
-    register_write(MPU_RASR,
-                   MPU_RASR_XN | register_field(MPU_RASR_SIZE, 4U) | MPU_RASR_ENABLE);
+    register_write(MPU_RASR, MPU_RASR_XN | register_field(MPU_RASR_SIZE, 4U) | MPU_RASR_ENABLE);
     register_write(MPU_CTRL, MPU_CTRL_PRIVDEFENA | MPU_CTRL_ENABLE);
-    register_set(SCB_SHCSR,
-                 SCB_SHCSR_MEMFAULTENA | SCB_SHCSR_BUSFAULTENA | SCB_SHCSR_USGFAULTENA);
+    register_set(SCB_SHCSR, SCB_SHCSR_MEMFAULTENA | SCB_SHCSR_BUSFAULTENA | SCB_SHCSR_USGFAULTENA);
     register_set(SCB_CCR, SCB_CCR_DIV_0_TRP);
     __asm__ volatile("dsb\n\tisb" ::: "memory");
 }
@@ -103,7 +101,7 @@ _Noreturn void fault_end(crash_cause_t cause, const uint32_t *frame) {
     kept.record.fault_status = register_read(SCB_CFSR);
     kept.record.hard_fault_status = register_read(SCB_HFSR);
     kept.record.fault_address =
-        (kept.record.fault_status & SCB_CFSR_MMARVALID) != 0U  ? register_read(SCB_MMFAR)
+        (kept.record.fault_status & SCB_CFSR_MMARVALID) != 0U   ? register_read(SCB_MMFAR)
         : (kept.record.fault_status & SCB_CFSR_BFARVALID) != 0U ? register_read(SCB_BFAR)
                                                                 : 0U;
     kept.crc = checksum();
@@ -145,8 +143,7 @@ static crash_cause_t cause_of(uint32_t exception, const uint32_t *frame) {
 
 /* Returns only from a probe, behind the load that has failed. */
 __attribute__((used)) static void fault_handle(uint32_t *frame) {
-    const uint32_t exception =
-        register_field_of(SCB_ICSR_VECTACTIVE, register_read(SCB_ICSR));
+    const uint32_t exception = register_field_of(SCB_ICSR_VECTACTIVE, register_read(SCB_ICSR));
     if (probing && exception == EXCEPTION_BUS) {
         probing = false;
         probe_failed = true;

@@ -28,14 +28,14 @@ typedef union {
     void *stack;
 } vector_t;
 
-__attribute__((section(".vectors"), used)) static const vector_t vectors[CORE_VECTORS +
-                                                                         INTERRUPTS] = {
+__attribute__((section(".vectors"),
+               used)) static const vector_t vectors[CORE_VECTORS + INTERRUPTS] = {
     [0] = {.stack = stack_begin},
     [1] = {.handler = startup_reset},
     [2 ... CORE_VECTORS - 1U] = {.handler = fault_entry},
     [14] = {.handler = interrupt_node},
     [15] = {.handler = interrupt_time},
-    [CORE_VECTORS ... CORE_VECTORS + INTERRUPTS - 1U] = {.handler = fault_entry},
+    [CORE_VECTORS... CORE_VECTORS + INTERRUPTS - 1U] = {.handler = fault_entry},
     [CORE_VECTORS + IRQ_CAN1_RX0] = {.handler = interrupt_can_cyclic},
     [CORE_VECTORS + IRQ_CAN1_RX1] = {.handler = interrupt_can_other},
     [CORE_VECTORS + IRQ_TIM2] = {.handler = interrupt_tick_timer},

@@ -6,33 +6,27 @@
 
 static uint32_t MHz;
 static uint32_t begin_us; /* of the beat under way */
-static uint32_t length_us; /* of it */
-static uint32_t next_us;   /* and of the next one, which SysTick has got already */
-
-static void set_reload(uint32_t beat_us) {
-    next_us = beat_us;
-    register_write(SYST_RVR, beat_us * MHz - 1U);
-}
+static uint32_t length_us;
 
 void time_base_start(uint32_t core_MHz, uint32_t beat_us) {
     MHz = core_MHz;
-    set_reload(beat_us);
     length_us = beat_us;
+    register_write(SYST_RVR, beat_us * MHz - 1U);
     register_write(SYST_CVR, 0);
     register_write(SYST_CSR, SYST_CSR_CLKSOURCE | SYST_CSR_TICKINT | SYST_CSR_ENABLE);
 }
 
 /** Of the beat under way; at its first cycle the counter shows 0. */
-static uint32_t passed_us(uint32_t beat_us) {
+static uint32_t passed_us(void) {
     const uint32_t left = register_read(SYST_CVR) & SYST_RVR_RELOAD;
-    return left == 0U ? 0U : beat_us - (left + MHz - 1U) / MHz;
+    return left == 0U ? 0U : length_us - (left + MHz - 1U) / MHz;
 }
 
 uint32_t time_base_now_us(void) {
     const uint32_t before = interrupts_block();
-    uint32_t now_us = begin_us + passed_us(length_us);
+    uint32_t now_us = begin_us + passed_us();
     if ((register_read(SCB_ICSR) & SCB_ICSR_PENDSTSET) != 0U) { /* ended, but not yet counted */
-        now_us = begin_us + length_us + passed_us(next_us);
+        now_us = begin_us + length_us + passed_us();
     }
     interrupts_restore(before);
     return now_us;
@@ -40,11 +34,4 @@ uint32_t time_base_now_us(void) {
 
 void time_base_expired(void) {
     begin_us += length_us;
-    length_us = next_us;
-}
-
-void time_base_set_beat(uint32_t beat_us) {
-    if (beat_us != next_us) {
-        set_reload(beat_us);
-    }
 }

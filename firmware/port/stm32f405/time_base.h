@@ -2,7 +2,7 @@
  * The node's clock and the supervisor's beat, both from the core's SysTick (ARM DDI 0403E, B3.3).
  *
  * The clock counts core cycles in whole beats and what has passed of the one under way; it never
- * goes back. time_base_expired and time_base_set_beat: in SysTick's handler only.
+ * goes back.
  */
 #ifndef TIME_BASE_H
 #define TIME_BASE_H
@@ -15,10 +15,7 @@ void time_base_start(uint32_t core_MHz, uint32_t beat_us);
 /** Time since start, modulo 2^32: differences below one hour are what it is for. */
 uint32_t time_base_now_us(void);
 
-/** A beat has ended. */
+/** A beat has ended: from SysTick's handler. */
 void time_base_expired(void);
-
-/** Another length of the beat, from the next one on. */
-void time_base_set_beat(uint32_t beat_us);
 
 #endif

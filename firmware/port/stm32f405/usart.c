@@ -26,8 +26,7 @@ void usart_init(uint32_t apb2_Hz) {
     gpio_configure(PIN_USART_TX);
     gpio_configure(PIN_USART_RX);
     register_write(USART1_BRR, apb2_Hz / USART_BAUD); /* oversampling by 16: both in 1/16 */
-    register_write(USART1_CR1,
-                   USART1_CR1_UE | USART1_CR1_RXNEIE | USART1_CR1_TE | USART1_CR1_RE);
+    register_write(USART1_CR1, USART1_CR1_UE | USART1_CR1_RXNEIE | USART1_CR1_TE | USART1_CR1_RE);
     interrupts_enable(IRQ_USART1);
 }
 

@@ -40,9 +40,10 @@ bool version_block_image_is_whole(void) {
     extern const uint8_t image_limit[];
     const uint32_t bytes = sealed()->image_bytes;
     const uint8_t *after = (const uint8_t *)&version_block + sizeof version_block;
-    const size_t before_crc =
-        (size_t)((const uint8_t *)&version_block - image_begin) + offsetof(version_block_t, image_crc);
-    if (bytes < before_crc + sizeof version_block.image_crc || bytes > (size_t)(image_limit - image_begin)) {
+    const size_t before_crc = (size_t)((const uint8_t *)&version_block - image_begin) +
+                              offsetof(version_block_t, image_crc);
+    if (bytes < before_crc + sizeof version_block.image_crc ||
+        bytes > (size_t)(image_limit - image_begin)) {
         return false;
     }
     const uint32_t crc = crc32(image_begin, before_crc, 0);
@@ -51,8 +52,8 @@ bool version_block_image_is_whole(void) {
 }
 
 void version_block_text(char text[VERSION_BLOCK_TEXT_MAX]) {
-    static const char known[] = OD_SOFTWARE_VERSION "+" OD_PROTOCOL_HASH_TEXT " g" HPMC_GIT_HASH
-                                                    " " BUILD_TYPE_TEXT " ";
+    static const char known[] =
+        OD_SOFTWARE_VERSION "+" OD_PROTOCOL_HASH_TEXT " g" HPMC_GIT_HASH " " BUILD_TYPE_TEXT " ";
     _Static_assert(sizeof known + CRC_DIGITS <= VERSION_BLOCK_TEXT_MAX, "length of 100Ah");
     const uint32_t crc = sealed()->image_crc;
     memcpy(text, known, sizeof known);
