@@ -468,11 +468,11 @@ static void follow_bus(bool bus_off, motor_node_t *node) {
     node->bus_off = bus_off;
 }
 
+/** Injected sensors have no motor, so no current either. */
 static void sample_current(const motor_node_input_t *input, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
-    const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
-    /* A simulated motor has no current: a board without one may measure anything. */
     const uint32_t current_mA = od->sensor_source != 0U ? 0U : input->current_mA;
+    const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
     uint64_t thousandths = (uint64_t)current_mA * 1000U / rated_mA;
     node->current_mA = current_mA;
     node->mean_square_mA2 = derating_mean_square(
