@@ -115,8 +115,10 @@ static sdo_abort_t write(void *device, const od_entry_t *entry, uint32_t value) 
     case OD_CONSUMER_HEARTBEAT_TIME:
         node->heartbeat_consumer.entries[entry->subindex - 1U].watching = false;
         break;
-    case OD_SENSOR_SOURCE:
+    case OD_SENSOR_SOURCE: /* an injected position is absolute; homing was for the encoder before */
         node->position_known = false;
+        node->referenced = value != 0U || node->encoder_referenced;
+        node->offset_inc = 0;
         break;
     case OD_CONTROLWORD:
         node_drive_controlword((uint16_t)value, node);

@@ -12,10 +12,12 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x8847D503U
-#define OD_PROTOCOL_HASH_TEXT "8847d503"
+#define OD_PROTOCOL_HASH 0x818FAB00U
+#define OD_PROTOCOL_HASH_TEXT "818fab00"
+/** Without that hash. */
+#define OD_SOFTWARE_VERSION "0.1.0"
 
-#define OD_ENTRY_COUNT 175U
+#define OD_ENTRY_COUNT 184U
 
 #define OD_DEVICE_TYPE 0x1000U
 #define OD_ERROR_REGISTER 0x1001U
@@ -58,6 +60,7 @@
 #define OD_LIMIT_REASONS 0x2200U
 #define OD_COUNTERS 0x2201U
 #define OD_MOTOR_TEMPERATURE 0x2202U
+#define OD_CRASH_RECORD 0x2203U
 #define OD_SENSOR_SOURCE 0x2F00U
 #define OD_TIME_BASE 0x2F01U
 #define OD_INJECTED_SENSORS 0x2F02U
@@ -200,6 +203,14 @@ typedef struct {
     uint16_t counters_frames_not_read; /**< 2201h:08 */
     uint16_t counters_frames_not_sent; /**< 2201h:09 */
     int16_t motor_temperature; /**< 2202h:00, 0.1 degC */
+    uint8_t crash_record_cause; /**< 2203h:01 */
+    uint32_t crash_record_program_counter; /**< 2203h:02 */
+    uint32_t crash_record_link_register; /**< 2203h:03 */
+    uint32_t crash_record_program_status; /**< 2203h:04 */
+    uint32_t crash_record_fault_status; /**< 2203h:05 */
+    uint32_t crash_record_hard_fault_status; /**< 2203h:06 */
+    uint32_t crash_record_fault_address; /**< 2203h:07 */
+    uint16_t crash_record_resets; /**< 2203h:08 */
     uint8_t sensor_source; /**< 2F00h:00 */
     uint8_t time_base; /**< 2F01h:00 */
     int32_t injected_sensors_position; /**< 2F02h:01, inc */
