@@ -40,7 +40,9 @@ verified, 2 wrong arguments or no image, 3 no board or not done.
 ABSENT = {
     "openocd": (("open failed", "no device found", "unable to open"), "no ST-Link probe found"),
     "dfu-util": (("No DFU capable USB device",), "no board in DFU mode found on USB"),
-    "stm32flash": (("Failed to open port", "Failed to init device"), "no board answers at {device}"),
+    "stm32flash": (
+        ("Failed to open port", "Failed to init device"), "no board answers at {device}",
+    ),
 }
 
 
@@ -112,7 +114,9 @@ class ProbeBoard(Board):
     """An ST-Link, by OpenOCD."""
 
     def commands(self, *steps: str) -> None:
-        words = [word for step in ("init", "reset halt", *steps, "shutdown") for word in ("-c", step)]
+        words: list[str] = []
+        for step in ("init", "reset halt", *steps, "shutdown"):
+            words += ("-c", step)
         self.call(*OPENOCD, *words)
 
     def read_pages(self, folder: Path) -> list[bytes]:

@@ -134,7 +134,7 @@ bxcan_start_t bxcan_start(uint8_t node_id, bxcan_t *can) {
                                 register_field(CAN_BTR_SJW, QUANTA_JUMP - 1U));
     bxcan_filter(node_id);
     register_write(CAN_ESR, register_field(CAN_ESR_LEC, LEC_SET_BY_SOFTWARE));
-    register_write(CAN_IER, CAN_IER_FMPIE0 | CAN_IER_FMPIE1 | CAN_IER_TMEIE);
+    register_write(CAN_IER, CAN_IER_FMPIE0 | CAN_IER_FMPIE1);
     register_write(CAN_MCR, CAN_MCR_ABOM);
     return register_wait(CAN_MSR, CAN_MSR_INAK, 0, WAIT_READS) ? BXCAN_STARTED
                                                                : BXCAN_WAITS_FOR_BUS;

@@ -91,7 +91,8 @@ size_t bxcan_receive(bxcan_t *can, can_frame_t *frames, size_t size);
 /** Hands over frames; false when some found no place. */
 bool bxcan_send(const can_frame_t *frames, size_t count, bxcan_t *can);
 
-/** Refills the mailboxes; also to be called in the transmit interrupt. */
+/** Refills the mailboxes. They hold three frames, 0.14 to 0.41 ms on the wire: once a joint tick is
+ * often enough, and no transmit interrupt is used. */
 void bxcan_transmit(bxcan_t *can);
 
 /** Reads the error state, once a tick; true while the controller is off the bus. */
