@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 from hpmc.firmware_image import FLASH_BEGIN, ImageError, find_image, verify
 from hpmc.layout import ROOT
@@ -197,7 +198,6 @@ def flash(board: Board, image: Path, node_id: int, say: Callable[[str], None]) -
     """All of it; NotDone when the board does not get there."""
     with tempfile.TemporaryDirectory(prefix="rig-flash-") as name:
         folder = Path(name)
-        say("reading what is stored on the board")
         page, copy = next_page(board.read_pages(folder), node_id)
         file = folder / "page.bin"
         file.write_bytes(page.to_bytes())
@@ -214,8 +214,15 @@ def node_id(text: str) -> int:
     return value
 
 
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_USAGE, f"{self.prog}: {message} (see ./rig flash --help)\n")
+
+
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="rig flash", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--id", type=node_id, required=True, metavar="N", dest="node_id",
