@@ -246,6 +246,12 @@ void test_frames_come_out_in_order(void) {
     TEST_ASSERT_EQUAL_UINT32(3, can.counters.received);
 }
 
+void test_sync_before_other_frames_is_told(void) {
+    arrive(0, SYNC_COB_ID, 1);
+    arrive(0, 0x205, 2);
+    TEST_ASSERT_TRUE(bxcan_receive_interrupt(0, &can));
+}
+
 void test_bytes_beyond_the_length_are_zero(void) {
     can_frame_t frame;
     fifo[1][fifo_count[1]++] = (can_frame_t){.id = 0x605, .len = 5, .data = {1, 2, 3, 4, 5, 6, 7}};
@@ -284,6 +290,8 @@ void test_lost_frames_are_counted(void) {
         (void)bxcan_receive_interrupt(1, &can);
     }
     TEST_ASSERT_EQUAL_UINT32(2, can.counters.ring_overruns);
+    TEST_ASSERT_EQUAL_UINT32(3, bxcan_take_losses(&can));
+    TEST_ASSERT_EQUAL_UINT32(0, bxcan_take_losses(&can));
     for (uint32_t i = 0; i < BXCAN_RING_SIZE; i++) { /* the oldest are kept, in order */
         TEST_ASSERT_EQUAL_UINT(1, bxcan_receive(&can, &frame, 1));
         TEST_ASSERT_EQUAL_UINT8(i, frame.data[0]);
@@ -380,6 +388,22 @@ void test_what_finds_no_place_is_counted(void) {
     const can_frame_t frame = frame_of(0x585, 0);
     TEST_ASSERT_FALSE(bxcan_send(&frame, 1, &can));
     TEST_ASSERT_EQUAL_UINT32(1, can.counters.send_overruns);
+}
+
+void test_all_that_find_no_place_are_told(void) {
+    for (uint32_t i = 0; i < BXCAN_WAITING_MAX; i++) {
+        send(0x585, (uint8_t)i);
+    }
+    const can_frame_t frames[3] = {frame_of(0x585, 0), frame_of(0x585, 0), frame_of(0x585, 0)};
+    TEST_ASSERT_FALSE(bxcan_send(frames, 3, &can)); /* one mailbox is taken, one place is left */
+    TEST_ASSERT_EQUAL_UINT32(2, can.counters.send_overruns);
+}
+
+void test_counters_saturate(void) {
+    can.counters.received = UINT32_MAX;
+    arrive(0, 0x205, 1);
+    (void)bxcan_receive_interrupt(0, &can);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, can.counters.received);
 }
 
 /* --- errors */

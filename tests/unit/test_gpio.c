@@ -37,9 +37,6 @@ void test_levels(void) {
     gpio_write(PIN_SERVO_ENABLE, true);
     gpio_write(PIN_SERVO_ENABLE, false);
     BUS_EXPECT_WRITES({GPIO_BSRR(GPIOB_BASE), 1U << 13}, {GPIO_BSRR(GPIOB_BASE), 1U << 29});
-    bus_set(GPIO_IDR(GPIOB_BASE), 1U << 8);
-    TEST_ASSERT_TRUE(gpio_read(PIN_CAN_RX));
-    TEST_ASSERT_FALSE(gpio_read(PIN_CAN_TX));
 }
 
 void test_clocks_of_the_ports(void) {

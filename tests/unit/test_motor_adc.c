@@ -13,7 +13,7 @@ static const motor_adc_config_t config = {.current_zero_mV = 1650,
                                           .temperature_uV_per_K = 10000};
 static motor_adc_t adc;
 
-static uint32_t steps(uint32_t mV) {
+static uint32_t steps_of(uint32_t mV) {
     return (mV * 4095U + 1650U) / 3300U;
 }
 
@@ -49,10 +49,10 @@ void test_each_step_starts_the_next_conversion(void) {
 }
 
 void test_scales(void) {
-    motor_adc_reading_t reading = measure(steps(1650 + 123), steps(500 + 253));
+    motor_adc_reading_t reading = measure(steps_of(1650 + 123), steps_of(500 + 253));
     TEST_ASSERT_UINT32_WITHIN(8, 1230, reading.current_mA);
     TEST_ASSERT_INT16_WITHIN(1, 253, reading.temperature_dC);
-    reading = measure(steps(1650 - 500), steps(500 - 100));
+    reading = measure(steps_of(1650 - 500), steps_of(500 - 100));
     TEST_ASSERT_UINT32_WITHIN(8, 5000, reading.current_mA); /* its size */
     TEST_ASSERT_INT16_WITHIN(1, -100, reading.temperature_dC);
 }
@@ -62,7 +62,7 @@ void test_a_sensor_that_falls_with_temperature(void) {
         .current_mA_per_V = 1, .temperature_zero_mV = 2000, .temperature_uV_per_K = -5000};
     bus_set(ADC1_SR, ADC1_SR_JEOC);
     bus_set(ADC1_JDR1, 1000);
-    bus_set(ADC1_JDR2, steps(1500));
+    bus_set(ADC1_JDR2, steps_of(1500));
     TEST_ASSERT_INT16_WITHIN(2, 1000, motor_adc_step(&falling, &adc).temperature_dC);
 }
 
@@ -86,10 +86,10 @@ void test_saturates(void) {
 void test_a_broken_wire_is_a_fault(void) {
     const uint32_t rails[2] = {19, 4076};
     for (uint32_t i = 0; i < 2U; i++) {
-        motor_adc_reading_t reading = measure(rails[i], steps(750));
+        motor_adc_reading_t reading = measure(rails[i], steps_of(750));
         TEST_ASSERT_EQUAL_UINT32(MOTOR_ADC_CURRENT_FAULT_mA, reading.current_mA);
         TEST_ASSERT_INT16_WITHIN(1, 250, reading.temperature_dC);
-        reading = measure(steps(1650), rails[i]);
+        reading = measure(steps_of(1650), rails[i]);
         TEST_ASSERT_UINT32_WITHIN(8, 0, reading.current_mA);
         TEST_ASSERT_EQUAL_INT16(MOTOR_ADC_TEMPERATURE_FAULT_dC, reading.temperature_dC);
     }
@@ -97,7 +97,7 @@ void test_a_broken_wire_is_a_fault(void) {
 }
 
 void test_a_converter_that_stands_still_is_a_fault(void) {
-    motor_adc_reading_t reading = measure(steps(1650 + 100), steps(750));
+    motor_adc_reading_t reading = measure(steps_of(1650 + 100), steps_of(750));
     bus_set(ADC1_SR, 0);
     for (uint32_t i = 0; i < 10U; i++) { /* keeps the newest result */
         reading = motor_adc_step(&config, &adc);
@@ -108,7 +108,7 @@ void test_a_converter_that_stands_still_is_a_fault(void) {
         TEST_ASSERT_EQUAL_UINT32(MOTOR_ADC_CURRENT_FAULT_mA, reading.current_mA);
         TEST_ASSERT_EQUAL_INT16(MOTOR_ADC_TEMPERATURE_FAULT_dC, reading.temperature_dC);
     }
-    reading = measure(steps(1650 + 100), steps(750));
+    reading = measure(steps_of(1650 + 100), steps_of(750));
     TEST_ASSERT_UINT32_WITHIN(8, 1000, reading.current_mA);
 }
 

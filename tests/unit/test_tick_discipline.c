@@ -168,6 +168,32 @@ void test_a_doubled_sync_is_passed_over(void) {
     TEST_ASSERT_TRUE(longest <= NOMINAL + STEP + 1 && shortest >= NOMINAL - STEP - 126);
 }
 
+void test_a_jump_of_the_sync_is_followed_after_a_while(void) {
+    for (int k = 1; k <= 100; k++) {
+        (void)sync_at(84000.0 * k, 5);
+    }
+    double late = 0.0;
+    double time = 84000.0 * 100;
+    for (int k = 1; k <= 100; k++) { /* 10 % slower, then 20 % faster */
+        time += k <= 50 ? 92400.0 : 67200.0;
+        late = sync_at(time, 5);
+    }
+    TEST_ASSERT_TRUE(discipline.locked);
+    TEST_ASSERT_UINT32_WITHIN(1, 13440, discipline.base_256 / 256U);
+    TEST_ASSERT_TRUE(late > -17.0 && late < 17.0);
+}
+
+void test_too_many_missing_are_a_new_begin(void) {
+    for (int k = 1; k <= 100; k++) {
+        (void)sync_at(84000.0 * k, 5);
+    }
+    (void)sync_at(84000.0 * 120, 5);
+    TEST_ASSERT_EQUAL_UINT8(1, discipline.strange);
+    TEST_ASSERT_TRUE(discipline.locked);
+    (void)sync_at(84000.0 * 121, 5);
+    TEST_ASSERT_EQUAL_UINT8(0, discipline.strange);
+}
+
 void test_two_syncs_at_one_count(void) {
     tick_discipline_sync(&config, 100, 5, &discipline);
     tick_discipline_sync(&config, 100, 5, &discipline);

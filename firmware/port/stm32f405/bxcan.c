@@ -199,6 +199,15 @@ size_t bxcan_receive(bxcan_t *can, can_frame_t *frames, size_t size) {
     return taken;
 }
 
+uint32_t bxcan_take_losses(bxcan_t *can) {
+    const bxcan_counters_t *counters = &can->counters;
+    const uint32_t losses =
+        counters->fifo_overruns[0] + counters->fifo_overruns[1] + counters->ring_overruns;
+    const uint32_t new_losses = losses - can->losses_taken;
+    can->losses_taken = losses;
+    return new_losses;
+}
+
 /* --- sending ------------------------------------------------------------------------------------
  */
 

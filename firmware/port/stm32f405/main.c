@@ -94,6 +94,7 @@ static void step(void) {
     slcan_node_input(&frames, &input);
     if (on_can) {
         input.bus_off = bxcan_poll(&can);
+        input.frames_lost += bxcan_take_losses(&can);
     }
     motor_node_step(&config, &node, &input, &output);
     act();

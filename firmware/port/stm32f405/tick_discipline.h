@@ -20,9 +20,9 @@
 
 /** All below 2^23, hold_counts below 2^29, and step_max_counts below a quarter of min_counts. */
 typedef struct {
-    uint32_t nominal_counts; /**< length of a tick without SYNC */
-    uint32_t min_counts;     /**< limits of a tick's length with SYNC, before phase correction */
-    uint32_t max_counts;
+    uint32_t nominal_counts;  /**< length of a tick without SYNC */
+    uint32_t min_counts;      /**< shortest tick with SYNC, before phase correction */
+    uint32_t max_counts;      /**< longest, likewise */
     uint32_t lead_counts;     /**< a tick comes this long after the SYNC */
     uint32_t step_max_counts; /**< phase correction in one tick */
     uint32_t hold_counts;     /**< so long the length is kept while no SYNC comes */
