@@ -449,3 +449,20 @@ void test_sends_again_after_bus_off(void) {
     bxcan_transmit(&can);
     TEST_ASSERT_EQUAL_UINT32(1, can.counters.sent);
 }
+
+void test_a_flushed_mailbox_is_not_filled_before_it_is_empty(void) {
+    send(0x185, 0);
+    send(0x285, 0);
+    send(0x385, 0);
+    bus_set(CAN_ESR, CAN_ESR_BOFF);
+    TEST_ASSERT_TRUE(bxcan_poll(&can));
+    bus_set(CAN_ESR, 0);
+    TEST_ASSERT_FALSE(bxcan_poll(&can));
+    bus_forget();
+    send(0x085, 0);
+    TEST_ASSERT_EQUAL_UINT(0, bus_writes());
+    TEST_ASSERT_EQUAL_UINT(1, can.waiting_count);
+    finish(2, false);
+    bxcan_transmit(&can);
+    TEST_ASSERT_EQUAL_HEX32(0x085, id_in(2));
+}

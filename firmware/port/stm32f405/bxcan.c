@@ -325,7 +325,9 @@ void bxcan_transmit(bxcan_t *can) {
 bool bxcan_send(const can_frame_t *frames, size_t frame_count, bxcan_t *can) {
     bool all = true;
     for (size_t i = 0; i < frame_count; i++) {
-        all = wait_in_line(&frames[i], false, can) && all;
+        if (!wait_in_line(&frames[i], false, can)) {
+            all = false;
+        }
     }
     bxcan_transmit(can);
     return all;
