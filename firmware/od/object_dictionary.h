@@ -12,12 +12,12 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x28A10925U
-#define OD_PROTOCOL_HASH_TEXT "28a10925"
+#define OD_PROTOCOL_HASH 0xF7CAE690U
+#define OD_PROTOCOL_HASH_TEXT "f7cae690"
 /** Without that hash. */
 #define OD_SOFTWARE_VERSION "0.1.0"
 
-#define OD_ENTRY_COUNT 176U
+#define OD_ENTRY_COUNT 184U
 
 #define OD_DEVICE_TYPE 0x1000U
 #define OD_ERROR_REGISTER 0x1001U
@@ -56,6 +56,7 @@
 #define OD_ENCODER_SUPERVISION 0x2103U
 #define OD_HOMING 0x2104U
 #define OD_DERATING 0x2105U
+#define OD_JOINT_HARDWARE 0x2106U
 #define OD_LIMIT_REASONS 0x2200U
 #define OD_COUNTERS 0x2201U
 #define OD_MOTOR_TEMPERATURE 0x2202U
@@ -184,6 +185,13 @@ typedef struct {
     uint16_t derating_current_time_ms; /**< 2105h:03, ms */
     uint32_t derating_current_fault_mA; /**< 2105h:04, mA */
     uint8_t derating_speed_begin_percent; /**< 2105h:05, % */
+    uint16_t joint_hardware_full_scale_mNm; /**< 2106h:01, mN m */
+    int16_t joint_hardware_offset_centi_percent; /**< 2106h:02, 0.01 % */
+    uint16_t joint_hardware_current_zero_mV; /**< 2106h:03, mV */
+    uint16_t joint_hardware_current_mA_per_V; /**< 2106h:04, mA/V */
+    uint16_t joint_hardware_temperature_zero_mV; /**< 2106h:05, mV */
+    int16_t joint_hardware_temperature_uV_per_K; /**< 2106h:06, uV/K */
+    uint8_t joint_hardware_encoder_reversed; /**< 2106h:07 */
     uint16_t limit_reasons; /**< 2200h:00 */
     uint16_t counters_missed_sync; /**< 2201h:01 */
     uint16_t counters_duplicate_sync; /**< 2201h:02 */

@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "28a10925";
+inline constexpr std::string_view kProtocolHash = "f7cae690";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+28a10925";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+f7cae690";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 
@@ -156,6 +156,14 @@ inline constexpr Entry kDeratingTemperatureFaultDC{0x2105, 2, Type::kI16}; // 0.
 inline constexpr Entry kDeratingCurrentTimeMs{0x2105, 3, Type::kU16}; // ms
 inline constexpr Entry kDeratingCurrentFaultMA{0x2105, 4, Type::kU32}; // mA
 inline constexpr Entry kDeratingSpeedBeginPercent{0x2105, 5, Type::kU8}; // %
+inline constexpr Entry kJointHardwareHighestSubIndexSupported{0x2106, 0, Type::kU8};
+inline constexpr Entry kJointHardwareFullScaleMNm{0x2106, 1, Type::kU16}; // mN m
+inline constexpr Entry kJointHardwareOffsetCentiPercent{0x2106, 2, Type::kI16}; // 0.01 %
+inline constexpr Entry kJointHardwareCurrentZeroMV{0x2106, 3, Type::kU16}; // mV
+inline constexpr Entry kJointHardwareCurrentMAPerV{0x2106, 4, Type::kU16}; // mA/V
+inline constexpr Entry kJointHardwareTemperatureZeroMV{0x2106, 5, Type::kU16}; // mV
+inline constexpr Entry kJointHardwareTemperatureUVPerK{0x2106, 6, Type::kI16}; // uV/K
+inline constexpr Entry kJointHardwareEncoderReversed{0x2106, 7, Type::kU8};
 inline constexpr Entry kLimitReasons{0x2200, 0, Type::kU16};
 inline constexpr Entry kCountersHighestSubIndexSupported{0x2201, 0, Type::kU8};
 inline constexpr Entry kCountersMissedSync{0x2201, 1, Type::kU16};

@@ -7,6 +7,7 @@ MODULES = {
     "run": "hpmc.run_command",
     "node": "hpmc.node",
     "bench": "hpmc.bench",
+    "flash": "hpmc.flash",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",
 }

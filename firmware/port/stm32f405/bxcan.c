@@ -134,7 +134,7 @@ bxcan_start_t bxcan_start(uint8_t node_id, bxcan_t *can) {
                                 register_field(CAN_BTR_SJW, QUANTA_JUMP - 1U));
     bxcan_filter(node_id);
     register_write(CAN_ESR, register_field(CAN_ESR_LEC, LEC_SET_BY_SOFTWARE));
-    register_write(CAN_IER, CAN_IER_FMPIE0 | CAN_IER_FMPIE1 | CAN_IER_TMEIE);
+    register_write(CAN_IER, CAN_IER_FMPIE0 | CAN_IER_FMPIE1);
     register_write(CAN_MCR, CAN_MCR_ABOM);
     return register_wait(CAN_MSR, CAN_MSR_INAK, 0, WAIT_READS) ? BXCAN_STARTED
                                                                : BXCAN_WAITS_FOR_BUS;
@@ -197,6 +197,15 @@ size_t bxcan_receive(bxcan_t *can, can_frame_t *frames, size_t size) {
     }
     can->ring_tail = tail;
     return taken;
+}
+
+uint32_t bxcan_take_losses(bxcan_t *can) {
+    const bxcan_counters_t *counters = &can->counters;
+    const uint32_t losses =
+        counters->fifo_overruns[0] + counters->fifo_overruns[1] + counters->ring_overruns;
+    const uint32_t new_losses = losses - can->losses_taken;
+    can->losses_taken = losses;
+    return new_losses;
 }
 
 /* --- sending ------------------------------------------------------------------------------------
@@ -316,7 +325,9 @@ void bxcan_transmit(bxcan_t *can) {
 bool bxcan_send(const can_frame_t *frames, size_t frame_count, bxcan_t *can) {
     bool all = true;
     for (size_t i = 0; i < frame_count; i++) {
-        all = wait_in_line(&frames[i], false, can) && all;
+        if (!wait_in_line(&frames[i], false, can)) {
+            all = false;
+        }
     }
     bxcan_transmit(can);
     return all;

@@ -49,17 +49,17 @@ typedef enum {
 
 /** All counters saturate. */
 typedef struct {
-    uint32_t received;
-    uint32_t sent;
+    uint32_t received;         /**< frames put into the ring */
+    uint32_t sent;             /**< frames that another node has acknowledged */
     uint32_t fifo_overruns[2]; /**< times that a FIFO lost a frame; one or more each */
     uint32_t ring_overruns;    /**< frames that the tick did not fetch in time */
     uint32_t send_overruns;    /**< frames that found no place to wait */
     uint32_t flushed;          /**< frames thrown away by a bus-off */
-    uint32_t bus_off_entries;
-    uint32_t bus_errors;     /**< polls that found a new error */
-    uint8_t last_error;      /**< LEC: 1 stuff, 2 form, 3 acknowledge, 4, 5 bit, 6 CRC; 0 none */
-    uint8_t transmit_errors; /**< TEC, 0..255 */
-    uint8_t receive_errors;  /**< REC, 0..255 */
+    uint32_t bus_off_entries;  /**< times that the controller went off the bus */
+    uint32_t bus_errors;       /**< polls that found a new error */
+    uint8_t last_error;        /**< LEC: 1 stuff, 2 form, 3 acknowledge, 4, 5 bit, 6 CRC; 0 none */
+    uint8_t transmit_errors;   /**< TEC, 0..255 */
+    uint8_t receive_errors;    /**< REC, 0..255 */
 } bxcan_counters_t;
 
 typedef struct {
@@ -72,6 +72,7 @@ typedef struct {
     bool taken[BXCAN_MAILBOXES];
     bool called_back[BXCAN_MAILBOXES];
     bool bus_off;
+    uint32_t losses_taken; /**< frames that bxcan_take_losses() has told */
     bxcan_counters_t counters;
 } bxcan_t;
 
@@ -82,7 +83,7 @@ bxcan_start_t bxcan_start(uint8_t node_id, bxcan_t *can);
 /** Sets the filters anew, after the node-id has changed; what arrives meanwhile is lost. */
 void bxcan_filter(uint8_t node_id);
 
-/** Empties a FIFO (0 or 1) into the ring; true when SYNC was among the frames. */
+/** Empties a fifo (0 or 1) into the ring; true when SYNC was among the frames. */
 bool bxcan_receive_interrupt(uint32_t fifo, bxcan_t *can);
 
 /** Takes frames out of the ring, in order of arrival; returns how many, 0..size. */
@@ -91,8 +92,12 @@ size_t bxcan_receive(bxcan_t *can, can_frame_t *frames, size_t size);
 /** Hands over frames; false when some found no place. */
 bool bxcan_send(const can_frame_t *frames, size_t count, bxcan_t *can);
 
-/** Refills the mailboxes; also to be called in the transmit interrupt. */
+/** Refills the mailboxes. They hold three frames, 0.14 to 0.41 ms on the wire: once a joint tick is
+ * often enough, and no transmit interrupt is used. */
 void bxcan_transmit(bxcan_t *can);
+
+/** Frames that were lost on their way in since the last call, a FIFO's overrun taken as one. */
+uint32_t bxcan_take_losses(bxcan_t *can);
 
 /** Reads the error state, once a tick; true while the controller is off the bus. */
 bool bxcan_poll(bxcan_t *can);

@@ -35,7 +35,3 @@ void gpio_write(gpio_pin_t pin, bool high) {
     const uint32_t bit = 1U << pin.number;
     register_write(GPIO_BSRR(pin.port), high ? bit : bit << RESET_SHIFT);
 }
-
-bool gpio_read(gpio_pin_t pin) {
-    return (register_read(GPIO_IDR(pin.port)) & (1U << pin.number)) != 0U;
-}

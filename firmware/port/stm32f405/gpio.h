@@ -1,5 +1,5 @@
 /**
- * Pins of the ports A to C (RM0090 section 8): configured once, then read and written.
+ * Pins of the ports A to C (RM0090 section 8): configured once, then written.
  *
  * A pin's data register is written before its mode, so that an output never shows a level that was
  * not asked for.
@@ -28,8 +28,7 @@ void gpio_start(void);
 /** Configures a pin; an output begins low, push-pull, at medium speed (25 MHz). */
 void gpio_configure(gpio_pin_t pin);
 
+/** Level of an output, in one write. */
 void gpio_write(gpio_pin_t pin, bool high);
-
-bool gpio_read(gpio_pin_t pin);
 
 #endif

@@ -5,8 +5,7 @@
 #include "port/stm32f405/motor_adc.h"
 #include "port/stm32f405/servo_pwm.h"
 
-static const encoder_timer_config_t encoder_config = {
-    .timer = TIM5_BASE, .bits = 32, .reversed = false};
+static encoder_timer_config_t encoder_config = {.timer = TIM5_BASE, .bits = 32};
 static encoder_timer_t encoder;
 static motor_adc_t adc;
 
@@ -17,15 +16,21 @@ void joint_io_start(void) {
     gpio_configure(PIN_ENCODER_A);
     gpio_configure(PIN_ENCODER_B);
     gpio_configure(PIN_ENCODER_INDEX);
-    encoder_timer_start(&encoder_config, &encoder);
     motor_adc_start(&adc);
 }
 
-void joint_io_sample(motor_node_input_t *input) {
-    static const motor_adc_config_t adc_config = {.current_zero_mV = 1650,
-                                                  .current_mA_per_V = 10000,
-                                                  .temperature_zero_mV = 500,
-                                                  .temperature_uV_per_K = 10000};
+void joint_io_start_encoder(const object_dictionary_t *od) {
+    encoder_config.reversed = od->joint_hardware_encoder_reversed != 0U;
+    encoder_timer_start(&encoder_config, &encoder);
+}
+
+void joint_io_sample(const object_dictionary_t *od, motor_node_input_t *input) {
+    const motor_adc_config_t adc_config = {
+        .current_zero_mV = od->joint_hardware_current_zero_mV,
+        .current_mA_per_V = od->joint_hardware_current_mA_per_V,
+        .temperature_zero_mV = od->joint_hardware_temperature_zero_mV,
+        .temperature_uV_per_K = od->joint_hardware_temperature_uV_per_K,
+    };
     const encoder_reading_t position = encoder_timer_read(&encoder_config, &encoder);
     const motor_adc_reading_t motor = motor_adc_step(&adc_config, &adc);
     input->position_inc = position.position_inc;
@@ -35,9 +40,11 @@ void joint_io_sample(motor_node_input_t *input) {
     input->temperature_dC = motor.temperature_dC;
 }
 
-void joint_io_write(int16_t torque_mNm, bool enabled) {
-    static const servo_pwm_config_t servo_config = {.full_scale_mNm = 30000,
-                                                    .offset_centi_percent = 0};
+void joint_io_write(const object_dictionary_t *od, int16_t torque_mNm, bool enabled) {
+    const servo_pwm_config_t servo_config = {
+        .full_scale_mNm = od->joint_hardware_full_scale_mNm,
+        .offset_centi_percent = od->joint_hardware_offset_centi_percent,
+    };
     servo_pwm_write(&servo_config, torque_mNm, enabled);
     gpio_write(PIN_TORQUE_LIGHT, enabled);
 }

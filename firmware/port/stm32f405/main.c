@@ -64,7 +64,8 @@ static bool is_stepped(void) {
 
 /** Off the bench's clock the amplifier stays off: the torque is told over the bus alone. */
 static void act(void) {
-    joint_io_write(output.torque_mNm, output.output_enabled && !is_stepped() && clock.crystal);
+    joint_io_write(&node.od, output.torque_mNm,
+                   output.output_enabled && !is_stepped() && clock.crystal);
 }
 
 static void send_text(void) {
@@ -92,10 +93,11 @@ static void step(void) {
     const uint32_t elapsed_us = now_us - last_step_us;
     last_step_us = now_us;
     input.elapsed_us = elapsed_us < ELAPSED_MAX_us ? elapsed_us : ELAPSED_MAX_us;
-    joint_io_sample(&input);
+    joint_io_sample(&node.od, &input);
     slcan_node_input(&frames, &input);
     if (on_can) {
         input.bus_off = bxcan_poll(&can);
+        input.frames_lost += bxcan_take_losses(&can);
     }
     motor_node_step(&config, &node, &input, &output);
     act();
@@ -134,6 +136,7 @@ static void receive_frames(void) {
 void interrupt_node(void) {
     if (on_can) {
         receive_frames();
+        bxcan_transmit(&can); /* mailboxes that have become free */
     } else {
         receive_bytes();
     }
@@ -225,6 +228,7 @@ static void configure(void) {
         .software_version = software_version,
     };
     motor_node_init(&config, &node);
+    joint_io_start_encoder(&node.od);
 }
 
 /* With no interrupt enabled yet: its stack does not add to theirs. */

@@ -12,15 +12,19 @@
 
 #ifdef REGISTER_BUS_DOUBLE
 
+/** Content of the register at this address. */
 uint32_t register_read(uint32_t address);
+/** Writes the whole register at this address. */
 void register_write(uint32_t address, uint32_t value);
 
 #else
 
+/** Content of the register at this address. */
 static inline uint32_t register_read(uint32_t address) {
     return *(volatile uint32_t *)(uintptr_t)address;
 }
 
+/** Writes the whole register at this address. */
 static inline void register_write(uint32_t address, uint32_t value) {
     *(volatile uint32_t *)(uintptr_t)address = value;
 }
@@ -37,20 +41,24 @@ static inline uint32_t register_field_of(uint32_t mask, uint32_t content) {
     return (content & mask) / (mask & (0U - mask));
 }
 
-/** Read, change the bits of mask to those of value (in place), write. Not atomic. */
+/** Reads a register (address), changes the bits of mask to those of value (in place), and writes
+ * it: not atomic. */
 static inline void register_modify(uint32_t address, uint32_t mask, uint32_t value) {
     register_write(address, (register_read(address) & ~mask) | (value & mask));
 }
 
+/** Sets the bits of mask at an address; not atomic. */
 static inline void register_set(uint32_t address, uint32_t mask) {
     register_modify(address, mask, mask);
 }
 
+/** Clears the bits of mask at an address; not atomic. */
 static inline void register_clear(uint32_t address, uint32_t mask) {
     register_modify(address, mask, 0);
 }
 
-/** Reads until the bits of mask are those of value, attempts times at most: 0 = they never were. */
+/** Reads an address until the bits of mask are those of value, attempts times at most: 0 = they
+ * never were. */
 static inline int register_wait(uint32_t address, uint32_t mask, uint32_t value,
                                 uint32_t attempts) {
     for (uint32_t left = attempts; left > 0U; left--) {

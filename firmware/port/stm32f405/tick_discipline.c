@@ -6,6 +6,7 @@ enum {
     PHASE_SHARE = 4,
     MISSING_MAX = 16, /* SYNC periods between two SYNCs */
     TOLERANCE = 16,   /* a length within 1/16 is the same SYNC's */
+    STRANGE_MAX = 3,  /* intervals that are not, before they are believed */
     SINCE_MAX_counts = 0x40000000
 };
 
@@ -19,24 +20,26 @@ void tick_discipline_start(const tick_discipline_config_t *config, tick_discipli
                                       .base_256 = config->nominal_counts * PER_COUNT};
 }
 
-/** Takes the SYNC's length of a tick; false when it is none. */
-static bool take_length(const tick_discipline_config_t *config, uint32_t interval_counts,
-                        uint8_t joint_ticks, tick_discipline_t *discipline) {
-    const uint64_t interval_256 = (uint64_t)interval_counts * PER_COUNT;
-    if (discipline->locked) {
-        const uint64_t expected_256 = (uint64_t)discipline->base_256 * joint_ticks;
-        const uint64_t periods = (interval_256 + expected_256 / 2U) / expected_256;
-        if (periods >= 1U && periods <= MISSING_MAX) {
-            const uint64_t length_256 = interval_256 / (periods * joint_ticks);
-            const int64_t change_256 = (int64_t)length_256 - (int64_t)discipline->base_256;
-            const int64_t tolerance_256 = (int64_t)(discipline->base_256 / TOLERANCE);
-            if (change_256 <= tolerance_256 && change_256 >= -tolerance_256) {
-                discipline->base_256 =
-                    (uint32_t)((int64_t)discipline->base_256 + change_256 / SMOOTHING);
-                return true;
-            }
-        }
+/** Smooths the length with the one of this interval; false when it is none of the SYNC followed. */
+static bool follow(uint64_t interval_256, uint8_t joint_ticks, tick_discipline_t *discipline) {
+    const uint64_t expected_256 = (uint64_t)discipline->base_256 * joint_ticks;
+    const uint64_t periods = (interval_256 + expected_256 / 2U) / expected_256;
+    if (periods < 1U || periods > MISSING_MAX) {
+        return false;
     }
+    const int64_t change_256 =
+        (int64_t)(interval_256 / (periods * joint_ticks)) - (int64_t)discipline->base_256;
+    const int64_t tolerance_256 = (int64_t)(discipline->base_256 / TOLERANCE);
+    if (change_256 > tolerance_256 || change_256 < -tolerance_256) {
+        return false;
+    }
+    discipline->base_256 = (uint32_t)((int64_t)discipline->base_256 + change_256 / SMOOTHING);
+    return true;
+}
+
+/** Takes the length of this interval as it is; false when it is outside the limits. */
+static bool adopt(const tick_discipline_config_t *config, uint64_t interval_256,
+                  uint8_t joint_ticks, tick_discipline_t *discipline) {
     const uint64_t length_256 = interval_256 / joint_ticks;
     if (length_256 < (uint64_t)config->min_counts * PER_COUNT ||
         length_256 > (uint64_t)config->max_counts * PER_COUNT) {
@@ -48,6 +51,7 @@ static bool take_length(const tick_discipline_config_t *config, uint32_t interva
 
 static void free_run(const tick_discipline_config_t *config, tick_discipline_t *discipline) {
     discipline->locked = false;
+    discipline->strange = 0;
     discipline->pending_counts = 0;
     discipline->base_256 = config->nominal_counts * PER_COUNT;
 }
@@ -61,10 +65,18 @@ void tick_discipline_sync(const tick_discipline_config_t *config, uint32_t count
     if (!second) {
         return;
     }
-    if (!take_length(config, (uint32_t)interval_counts, joint_ticks, discipline)) {
-        free_run(config, discipline);
-        return;
+    const uint64_t interval_256 = (uint64_t)interval_counts * PER_COUNT;
+    if (!discipline->locked || !follow(interval_256, joint_ticks, discipline)) {
+        if (discipline->locked && discipline->strange < STRANGE_MAX) {
+            discipline->strange++;
+            return;
+        }
+        if (!adopt(config, interval_256, joint_ticks, discipline)) {
+            free_run(config, discipline);
+            return;
+        }
     }
+    discipline->strange = 0;
     discipline->locked = true;
     const int32_t base_counts = (int32_t)(discipline->base_256 / PER_COUNT);
     /* How much too late the tick after the next comes, were nothing corrected any more; ticks are

@@ -6,8 +6,9 @@
  * so that a command acts at once. The tick's length is the SYNC period through J, smoothed over
  * eight of them; a quarter of the distance from the right phase is made up for after each SYNC,
  * at most step_max_counts in one tick, so that the joint loop never sees a jump in time. Up to 15
- * SYNCs may be missing without losing step. Without SYNC for hold_counts, or with one that gives a
- * length outside the limits, ticks last nominal_counts.
+ * SYNCs may be missing without losing step, and three that come at a strange time are passed over.
+ * Without SYNC for hold_counts, or with one that gives a length outside the limits, ticks last
+ * nominal_counts.
  *
  * The length that a tick gets is fixed one tick before it begins (the timer preloads it).
  */
@@ -19,9 +20,9 @@
 
 /** All below 2^23, hold_counts below 2^29, and step_max_counts below a quarter of min_counts. */
 typedef struct {
-    uint32_t nominal_counts; /**< length of a tick without SYNC */
-    uint32_t min_counts;     /**< limits of a tick's length with SYNC, before phase correction */
-    uint32_t max_counts;
+    uint32_t nominal_counts;  /**< length of a tick without SYNC */
+    uint32_t min_counts;      /**< shortest tick with SYNC, before phase correction */
+    uint32_t max_counts;      /**< longest, likewise */
     uint32_t lead_counts;     /**< a tick comes this long after the SYNC */
     uint32_t step_max_counts; /**< phase correction in one tick */
     uint32_t hold_counts;     /**< so long the length is kept while no SYNC comes */
@@ -34,6 +35,7 @@ typedef struct {
     uint32_t rest_256;       /**< of the base, not given out yet */
     int32_t pending_counts;  /**< phase correction that is left */
     int32_t since_counts;    /**< from the last SYNC to the begin of the tick that runs */
+    uint8_t strange;         /**< intervals in a row that did not fit */
     bool sync_seen;          /**< within hold_counts */
     bool locked;             /**< lengths come from SYNC */
 } tick_discipline_t;

@@ -19,7 +19,7 @@ typedef struct {
     tick_discipline_t discipline;
     bool sync_waits; /**< it came after the update that the tick's interrupt has not seen yet */
     uint32_t sync_count;
-    uint8_t sync_joint_ticks;
+    uint8_t sync_joint_ticks; /**< J of it, 1..10 */
 } tick_timer_t;
 
 /** Limits in use: ticks of 100 us to 10 ms, 10 us after SYNC, corrected by 2 us a tick at most,

@@ -19,10 +19,10 @@
 /** Largest window: 4095 periods of 47 kHz / 256. */
 #define WATCHDOG_WINDOW_MAX_us 22300000U
 
-/** Prescaler's field value 0..6 (divides by 4 << value) and reload 0..4095. */
+/** What its registers are to hold. */
 typedef struct {
-    uint8_t prescaler;
-    uint16_t reload;
+    uint8_t prescaler; /**< 0..6: divides by 4 << prescaler */
+    uint16_t reload;   /**< counts, 0..4095 */
 } watchdog_setting_t;
 
 /** The shortest setting that does not bite within the window; pure. window_us: 0..
