@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rigrun import RIG, SHORT, RunningRig, frames, marked_processes, run_rig
+
 from hpmc.layout import PROGRAMS
 from hpmc.lcm_log import LcmLog
 from hpmc.modes import emulated
-from rigrun import RIG, SHORT, RunningRig, frames, marked_processes, run_rig
 
 PERIODS = 4450  # of a run with SHORT
 LIMIT_S = 180
@@ -211,7 +212,7 @@ def test_a_node_reset_in_mid_run(tmp_path: Path) -> None:
         (line,) = done.stderr.splitlines()
         # It boots disabled and tells so; the host, which misses its TPDO1, stops the others.
         assert "motor node 2: sent no TPDO1 for 2 periods" in line
-        sent = [f for f in frames(LcmLog(log), reset_at) if f.sender == 2]
+        sent = [f for f in frames(LcmLog(log), reset_at) if f.sender == 2 and f.period >= reset_at]
         assert (sent[0].id, sent[0].data) == (0x702, b"\0")
         assert not [f for f in sent if f.function == 0x180]
         torque = torque_of_node_2(LcmLog(log), reset_at)
