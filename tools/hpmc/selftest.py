@@ -148,7 +148,7 @@ def steps() -> list[Step]:
         ),
         Step(
             "tidy", "firmware and its POSIX port by clang-tidy",
-            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 120,
+            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 240,
             "exceptions stand beside the code: /* NOLINTNEXTLINE(check): reason */",
             after="build",
         ),
