@@ -97,6 +97,10 @@ class LcmLog:
         """Number of messages of a channel; 0 where the log has none."""
         return self._channels[channel].offsets.size if channel in self._channels else 0
 
+    def size(self, channel: str) -> int:
+        """Bytes of the messages of a channel."""
+        return int(self._index(channel).lengths.astype(np.int64).sum())
+
     def column(
         self, channel: str, field: str, start: int = 0, stop: int | None = None
     ) -> np.ndarray:
