@@ -275,7 +275,7 @@ def test_log_levels(short_sil: Run, runs: Path) -> None:
 
 def test_the_expected_size_is_printed_and_holds(runs: Path) -> None:
     from hpmc.configuration import load_configuration
-    from hpmc.run import candump_bytes, log_bytes
+    from hpmc.log_size import candump_bytes, log_bytes
 
     for level in ("full", "states"):
         for change in ("joint.rate_Hz=1000", "joint.rate_Hz=5000", "rig.sensors=injected"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import itertools
 import os
 import signal
@@ -14,8 +15,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from hpmc import run
+from hpmc import log_size, processes, run_command
 from hpmc.configuration import load_configuration
+from hpmc.modes import MODES, Job, Mode
+from hpmc.modes.sil import describe_status, spread
+from hpmc.modes.vcan import vcan_plan
+from hpmc.run_progress import ProgressBar
 
 
 @pytest.fixture
@@ -25,9 +30,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def started(*_: object) -> None:
         raise AssertionError("a run was started")
 
-    monkeypatch.setattr(run, "run_sil", started)
-    monkeypatch.setattr(run, "run_vcan", started)
-    monkeypatch.setattr(run, "RUNS", tmp_path / "runs")
+    for name, mode in MODES.items():
+        monkeypatch.setitem(run_command.MODES, name, Mode(mode.check, started))
+    monkeypatch.setattr(run_command, "RUNS", tmp_path / "runs")
     return tmp_path / "out"
 
 
@@ -72,7 +77,7 @@ BAD = [
 def test_bad_input(
     arguments: list[str], words: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status = run.main(["clock", "--out", str(folder), *arguments])
+    status = run_command.main(["clock", "--out", str(folder), *arguments])
     said = capsys.readouterr()
     assert status == 2
     assert said.out == "" and len(said.err.splitlines()) == 1
@@ -81,7 +86,7 @@ def test_bad_input(
 
 
 def test_the_experiment_is_asked_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run.main([]) == 2 and run.main(["watch"]) == 2
+    assert run_command.main([]) == 2 and run_command.main(["watch"]) == 2
     missing, unknown = capsys.readouterr().err.splitlines()
     assert "required: experiment" in missing
     assert "'watch' (choose from 'clock')" in unknown
@@ -92,9 +97,9 @@ def test_the_output_folder_must_be_new_or_empty(
 ) -> None:
     folder.mkdir()
     (folder / "run.lcmlog").write_text("precious")
-    assert run.main(["clock", "--out", str(folder)]) == 2
-    assert run.main(["clock", "--out", str(folder / "run.lcmlog")]) == 2
-    assert run.main(["clock", "--out", str(folder / "run.lcmlog" / "below")]) == 2
+    assert run_command.main(["clock", "--out", str(folder)]) == 2
+    assert run_command.main(["clock", "--out", str(folder / "run.lcmlog")]) == 2
+    assert run_command.main(["clock", "--out", str(folder / "run.lcmlog" / "below")]) == 2
     occupied, file, below = capsys.readouterr().err.splitlines()
     assert f"--out {folder}: exists already and is not empty" in occupied
     assert "is not a folder" in file
@@ -109,22 +114,22 @@ DiskUsage = collections.namedtuple("DiskUsage", "total used free")
 def test_disk_space_is_checked_before_a_run(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wanted = 17250 * (run.FULL_BYTES + run.CANDUMP_BYTES) + run.DISK_RESERVE_BYTES
-    monkeypatch.setattr(run.shutil, "disk_usage", lambda _: DiskUsage(0, 0, wanted - 1))
-    assert run.main(["clock", "--out", str(folder)]) == 2
+    wanted = 17250 * (log_size.FULL_BYTES + log_size.CANDUMP_BYTES) + log_size.DISK_RESERVE_BYTES
+    monkeypatch.setattr(log_size.shutil, "disk_usage", lambda _: DiskUsage(0, 0, wanted - 1))
+    assert run_command.main(["clock", "--out", str(folder)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "the log will take 26 MB" in line and f"{(wanted - 1) / 1e6:.0f} MB are free" in line
     assert not folder.exists()
 
-    monkeypatch.setattr(run.shutil, "disk_usage", lambda _: DiskUsage(0, 0, wanted))
+    monkeypatch.setattr(log_size.shutil, "disk_usage", lambda _: DiskUsage(0, 0, wanted))
     with pytest.raises(AssertionError, match="started"):
-        run.main(["clock", "--out", str(folder)])
+        run_command.main(["clock", "--out", str(folder)])
     assert (folder / "config.toml").exists()
 
 
 def test_how_the_log_grows_with_level_rate_and_repetitions() -> None:
     def bytes_of(level: str, *overrides: str) -> int:
-        return run.log_bytes(load_configuration("clock", overrides=overrides), level)
+        return log_size.log_bytes(load_configuration("clock", overrides=overrides), level)
 
     one = bytes_of("full")
     assert bytes_of("full", "experiment.repetitions=7") == 7 * one
@@ -147,15 +152,15 @@ def test_the_log_is_full_up_to_160_reaches(
     arguments: list[str], level: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(AssertionError, match="started"):
-        run.main(["clock", "--mode", "sil", "--out", str(folder), *arguments])
+        run_command.main(["clock", "--mode", "sil", "--out", str(folder), *arguments])
     assert f"; log {level}, about " in capsys.readouterr().out.replace("\n", " ")
 
 
 def test_options_are_overrides_and_set_comes_last() -> None:
-    options = run.parse(
+    experiment = run_command.parse(
         ["clock", "--seed", "3", "--sensors", "injected", "--set", "experiment.seed=4"]
     )
-    assert run.all_overrides(options) == [
+    assert experiment.overrides == [
         "experiment.seed=3",
         "rig.sensors=injected",
         "experiment.seed=4",
@@ -166,7 +171,7 @@ def test_options_are_overrides_and_set_comes_last() -> None:
     ("repetitions", "jobs"), list(itertools.product((1, 2, 5, 100), (1, 2, 3, 8)))
 )
 def test_repetitions_are_spread_evenly_and_whole(repetitions: int, jobs: int) -> None:
-    parts = run.spread(repetitions, jobs)
+    parts = spread(repetitions, jobs)
     assert len(parts) == min(jobs, repetitions)
     assert [n for first, count in parts for n in range(first, first + count)] == list(
         range(repetitions)
@@ -179,8 +184,11 @@ def test_the_processes_of_a_vcan_run() -> None:
     configuration = load_configuration(
         "clock", overrides=["joint.rate_Hz=5000", "joint.increments_per_revolution=1048576"]
     )
-    plan = run.vcan_plan(configuration, Path("c.toml"), "states", Path("l.lcmlog"), realtime=True)
-    processes = plan["processes"]
+    job = Job(
+        configuration=configuration, config_file=Path("c.toml"), log_level="states",
+        folder=Path(), bar=ProgressBar(Console(), 16), realtime=True,
+    )  # fmt: skip
+    processes = vcan_plan(job, Path("l.lcmlog"))["processes"]
     assert list(processes) == [
         "run_logger", "motor_node 1", "motor_node 2", "motor_node 3", "hpmc_host", "arm_sim",
     ]  # fmt: skip
@@ -188,7 +196,7 @@ def test_the_processes_of_a_vcan_run() -> None:
     assert "--joint-ticks 5" in node and "--increments-per-revolution 1048576" in node
     assert node.endswith("--id 2")
     assert processes["arm_sim"][-1] == "--realtime"
-    plan = run.vcan_plan(configuration, Path("c.toml"), "full", Path("l.lcmlog"), realtime=False)
+    plan = vcan_plan(dataclasses.replace(job, realtime=False), Path("l.lcmlog"))
     assert "--realtime" not in plan["processes"]["arm_sim"]
     for name in ("run_logger", "hpmc_host"):
         assert " ".join(processes[name]).endswith("--log-level states")
@@ -196,7 +204,7 @@ def test_the_processes_of_a_vcan_run() -> None:
 
 def test_progress_counts_the_reaches_of_all_jobs() -> None:
     console = Console(force_terminal=True, width=120)
-    bar = run.ProgressBar(console, 64)
+    bar = ProgressBar(console, 64)
     bar.update(0, '{"repetition": 0, "reach": -1, "simulated_s": 0.0}')
     bar.update(0, '{"repetition": 1, "reach": 3, "simulated_s": 22.0}')
     bar.update(1, '{"repetition": 0, "reach": 7, "simulated_s": 43.5}')
@@ -213,13 +221,13 @@ def test_progress_counts_the_reaches_of_all_jobs() -> None:
 SLEEP = "import signal, sys, time; signal.signal(signal.SIGINT, lambda *_: sys.exit(7)); "
 
 
-def child(program: str, lines: list[str] | None = None) -> run.Child:
-    return run.Child([sys.executable, "-c", program], (lines or []).append)
+def child(program: str, lines: list[str] | None = None) -> processes.Child:
+    return processes.Child([sys.executable, "-c", program], (lines or []).append)
 
 
 def test_a_child_hands_over_its_lines() -> None:
     lines: list[str] = []
-    process = run.Child(
+    process = processes.Child(
         [sys.executable, "-c", "import sys; print('a\\nb'); print('bad', file=sys.stderr)"],
         lines.append,
     )
@@ -228,7 +236,7 @@ def test_a_child_hands_over_its_lines() -> None:
 
 
 def test_an_interrupt_is_passed_on_and_waited_for() -> None:
-    with run.Watch() as watch:
+    with processes.Watch() as watch:
         watch.add(child(SLEEP + "time.sleep(60)"))
         watch.add(child(SLEEP + "time.sleep(60)"))
         threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
@@ -239,7 +247,7 @@ def test_an_interrupt_is_passed_on_and_waited_for() -> None:
 
 
 def test_an_interrupt_before_a_process_starts_still_ends_it() -> None:
-    with run.Watch() as watch:
+    with processes.Watch() as watch:
         os.kill(os.getpid(), signal.SIGTERM)
         watch.add(child("import time; time.sleep(60)"))
         watch.wait()
@@ -248,7 +256,7 @@ def test_an_interrupt_before_a_process_starts_still_ends_it() -> None:
 
 def test_when_one_process_fails_the_others_are_stopped() -> None:
     start = time.monotonic()
-    with run.Watch() as watch:
+    with processes.Watch() as watch:
         watch.add(child(SLEEP + "time.sleep(60)"))
         watch.add(child("import sys, time; time.sleep(0.5); print('broke', file=sys.stderr); "
                         "sys.exit(3)"))  # fmt: skip
@@ -260,5 +268,5 @@ def test_when_one_process_fails_the_others_are_stopped() -> None:
 
 
 def test_statuses_in_words() -> None:
-    assert run.describe_status(-9) == "sil was killed by SIGKILL"
-    assert run.describe_status(3) == "sil ended with status 3"
+    assert describe_status(-9) == "sil was killed by SIGKILL"
+    assert describe_status(3) == "sil ended with status 3"

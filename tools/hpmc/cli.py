@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Sequence
 
 MODULES = {
-    "run": "hpmc.run",
+    "run": "hpmc.run_command",
     "node": "hpmc.node",
     "log": "hpmc.log",
     "bench": "hpmc.bench",

@@ -10,6 +10,7 @@ from typing import Any
 from hpmc.layout import CONFIG, PROGRAMS
 
 EXIT_USAGE = 2
+REACHES_PER_REPETITION = 16
 
 
 class ConfigurationError(ValueError):
@@ -27,6 +28,10 @@ class Configuration:
     @property
     def repetitions(self) -> int:
         return int(self.values["experiment"]["repetitions"])
+
+    @property
+    def reaches(self) -> int:
+        return self.repetitions * REACHES_PER_REPETITION
 
     @property
     def seed(self) -> int:

@@ -1,0 +1,11 @@
+"""The modes of the rig by name (docs/architecture.md)."""
+
+from hpmc.modes import sil, vcan
+from hpmc.modes.job import Job, Mode, Outcome
+
+MODES = {
+    "sil": Mode(sil.check, sil.run),
+    "vcan": Mode(vcan.check, vcan.run),
+}
+
+__all__ = ["MODES", "Job", "Mode", "Outcome"]

@@ -1,0 +1,80 @@
+"""The rig in one process, or repetitions spread over several."""
+
+import json
+import signal
+import time
+from collections.abc import Callable
+
+from hpmc.configuration import Configuration, ConfigurationError
+from hpmc.experiment import Experiment
+from hpmc.layout import PROGRAMS
+from hpmc.modes.job import Job, Outcome
+from hpmc.processes import Child, Watch
+from hpmc.run_progress import ProgressBar
+
+
+def check(experiment: Experiment, _: Configuration) -> None:
+    if experiment.pace != "lockstep" or experiment.uml:
+        raise ConfigurationError("--pace realtime and --uml: go with --mode vcan")
+
+
+def spread(repetitions: int, jobs: int) -> list[tuple[int, int]]:
+    """First repetition and number of repetitions of each job."""
+    jobs = min(jobs, repetitions)
+    share, rest = divmod(repetitions, jobs)
+    parts, first = [], 0
+    for job in range(jobs):
+        count = share + (job < rest)
+        parts.append((first, count))
+        first += count
+    return parts
+
+
+def run(job: Job) -> Outcome:
+    parts = spread(job.configuration.repetitions, job.jobs)
+    outcome = Outcome()
+    began = time.monotonic()
+    with Watch() as watch:
+        for number, (first, count) in enumerate(parts):
+            log = job.folder / ("run.lcmlog" if len(parts) == 1 else f"run-{number:02d}.lcmlog")
+            outcome.logs.append(log)
+            command = [
+                str(PROGRAMS["sil"]),
+                "--config",
+                str(job.config_file),
+                "--log",
+                str(log),
+                "--log-level",
+                job.log_level,
+                "--first-repetition",
+                str(first),
+                "--repetitions",
+                str(count),
+            ]
+            watch.add(Child(command, line_reader(outcome, job.bar, number, first)))
+        watch.wait()
+    outcome.interrupted = watch.interrupted
+    outcome.wall_s = time.monotonic() - began
+    if watch.failed:
+        outcome.reason = "; ".join(watch.failed.errors[-1:]) or describe_status(
+            watch.failed.process.returncode
+        )
+    return outcome
+
+
+def line_reader(outcome: Outcome, bar: ProgressBar, job: int, first: int) -> Callable[[str], None]:
+    def on_line(line: str) -> None:
+        if line.startswith("PROGRESS "):
+            told = json.loads(line.removeprefix("PROGRESS "))
+            told["repetition"] -= first
+            bar.update(job, json.dumps(told))
+        elif line.startswith("STATS "):
+            outcome.stats.append(json.loads(line.removeprefix("STATS ")))
+
+    return on_line
+
+
+def describe_status(status: int) -> str:
+    if status < 0:
+        return f"sil was killed by {signal.Signals(-status).name}"
+    return f"sil ended with status {status}"
