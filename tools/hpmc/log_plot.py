@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".png", ".pdf", ".svg")
 MOST_CURVES = 40
 BUCKETS = 4000  # of a long curve: the least and the greatest value of each are drawn
+LINES = ("-", "--", ":", "-.")
 NO_UNIT = "no unit"
 
 
@@ -32,6 +33,10 @@ class Curve:
     unit: str
     time_s: np.ndarray
     values: np.ndarray
+
+    @property
+    def channel(self) -> str:
+        return self.name.partition(".")[0]
 
 
 def read_curves(
@@ -55,15 +60,17 @@ def draw_curves(curves: Sequence[Curve], title: str, figure: Figure | None = Non
     from matplotlib.figure import Figure
 
     units = list(dict.fromkeys(curve.unit for curve in curves))
+    channels = list(dict.fromkeys(curve.channel for curve in curves))
     if figure is None:
         figure = Figure(figsize=(10, 1.2 + 2.9 * len(units)))
     axes = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
     for axis, unit in zip(axes, units, strict=True):
         shown = [curve for curve in curves if curve.unit == unit]
-        for number, curve in enumerate(shown):
+        for curve in shown:
             time_s, values = _thinned(curve.time_s, curve.values)
             dot = "." if values.size == 1 else None
-            line = ("-", "--", ":", "-.")[number // 10 % 4]
+            # Of two channels that agree both are seen.
+            line = LINES[channels.index(curve.channel) % len(LINES)]
             axis.plot(time_s, values, line, marker=dot, linewidth=1.1, label=curve.name)
         axis.set_ylabel(unit or NO_UNIT)
         axis.legend(

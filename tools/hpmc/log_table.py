@@ -29,7 +29,7 @@ def write_table(
     widths: list[int] = []
     for table in _every(run, channel, columns, from_s, to_s, every):
         cells = [_cells(values) for values in table.values[1:]]
-        cells.insert(0, [f"{1e-6 * time:.6f}" for time in table.values[0].tolist()])
+        cells.insert(0, [f"{time / 1e6:.6f}" for time in table.values[0].tolist()])
         if not widths:
             widths = [
                 max(len(head), *(len(cell) for cell in column), 1)
@@ -54,7 +54,7 @@ def write_csv(
     writer.writerow([TIME_HEAD, *(column.head for column in columns[1:])])
     for table in _every(run, channel, columns, from_s, to_s, every):
         cells = [_plain(values) for values in table.values[1:]]
-        writer.writerows(zip((table.values[0] * 1e-6).tolist(), *cells, strict=True))
+        writer.writerows(zip((table.values[0] / 1e6).tolist(), *cells, strict=True))
 
 
 def _columns(run: RunFolder, channel: str, fields: Sequence[str]) -> list[Column]:
