@@ -1,9 +1,9 @@
 """What the paper measures on a reach: smoothness r, tracking errors, final error.
 
 Two measures of smoothness that rehabilitation and motor control use come beside r: spectral arc
-length (SPARC) and log dimensionless jerk (LDLJ), with the parameters and the discrete forms of their
-authors. Source: S. Balasubramanian, A. Melendez-Calderon, A. Roby-Brami, E. Burdet, "On the analysis
-of movement smoothness", J. NeuroEngineering Rehabil. 12:112, 2015.
+length (SPARC) and log dimensionless jerk (LDLJ), with the parameters and the discrete forms of
+their authors. Source: S. Balasubramanian, A. Melendez-Calderon, A. Roby-Brami, E. Burdet, "On the
+analysis of movement smoothness", J. NeuroEngineering Rehabil. 12:112, 2015.
 
 All functions take the samples of the whole window in the next-to-last axis (vectors, last axis x
 and y) or in the last axis (speeds), any number of reaches in front. Source: paper, section Data
@@ -25,8 +25,8 @@ HARMONIC_R = 1.596  # as printed in the paper; pi/2 over its own duration
 MOVING_FRACTION = 0.05
 
 SPARC_CUTOFF_HZ = 10.0  # highest frequency looked at
-SPARC_AMPLITUDE = 0.05  # of the spectrum's peak; what is above the last such frequency is left out
-SPARC_PADDING = 4  # powers of two: how much finer the spectrum is sampled than the speed has samples
+SPARC_AMPLITUDE = 0.05  # of the spectrum's peak; what lies above the last such frequency is cut
+SPARC_PADDING = 4  # powers of two: how much finer than the transform of the samples
 
 
 def speed(velocity: np.ndarray) -> np.ndarray:
@@ -53,10 +53,10 @@ def peak_over_mean_moving(speeds: np.ndarray, fraction: float = MOVING_FRACTION)
 
 
 def spectral_arc_length(speeds: np.ndarray, period_s: float) -> np.ndarray:
-    """SPARC: minus the length of the normalised magnitude spectrum's curve; the nearer 0 the smoother.
+    """SPARC: minus the length of the normalised magnitude spectrum's curve; smoother is nearer 0.
 
-    The spectrum is divided by its greatest value and cut where it last exceeds SPARC_AMPLITUDE below
-    SPARC_CUTOFF_HZ; frequency is divided by the width that is left. NaN where nothing moves.
+    The spectrum is divided by its greatest value and cut where it last exceeds SPARC_AMPLITUDE
+    below SPARC_CUTOFF_HZ; frequency is divided by the width that is left. NaN where nothing moves.
     """
     samples = speeds.shape[-1]
     points = 1 << (math.ceil(math.log2(samples)) + SPARC_PADDING)
