@@ -6,7 +6,7 @@ movement in `sil` and `vcan` is the same.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,8 @@ class ChannelDifference:
     """One channel of both runs."""
 
     channel: str
-    pairs: int
-    only: tuple[int, int]  # rows that the other run has not
+    pairs: int  # messages compared
+    only: tuple[int, int]  # messages that the other run has not
     only_first_s: float | None  # the first of them
     fields: tuple[FieldDifference, ...]
     bytes_differ: bool = False  # of a channel whose type is not known
@@ -116,8 +116,8 @@ def print_difference(difference: RunDifference, console: Console) -> None:
         for number, count in enumerate(channel.only, 1):
             if count:
                 say(
-                    f"{channel.channel}: {count} rows only in {number}"
-                    f" (the first row without a partner: {channel.only_first_s:.6f} s)",
+                    f"{channel.channel}: {count} messages only in {number} "
+                    f"(the first without a partner: {channel.only_first_s:.6f} s)",
                     "yellow",
                 )
         if channel.bytes_differ:
@@ -132,16 +132,33 @@ def print_difference(difference: RunDifference, console: Console) -> None:
     if difference.metrics:
         console.print(_metric_table(difference))
     compared = len(difference.channels)
-    rows = sum(channel.pairs for channel in difference.channels)
+    pairs = sum(channel.pairs for channel in difference.channels)
     verdict = "the same" if difference.same else "different"
-    say(f"{verdict}: {compared} channels, {rows} pairs of rows compared", "bold")
+    say(f"{verdict}: {compared} channels, {pairs} pairs of messages compared", "bold")
 
 
 def _compare_channel(one: RunFolder, two: RunFolder, channel: str) -> ChannelDifference:
     if one.type_of(channel) is None or two.type_of(channel) is None:
         return _compare_bytes(one, two, channel)
     columns = one.columns(channel)
-    keys = [_keys(run, channel, columns) for run in (one, two)]
+    difference = _compare_rows(one, two, channel, [c for c in columns if not c.repeated], [])
+    repeated = [column for column in columns if column.repeated]
+    if not repeated:
+        return difference
+    # Elements of an array of varying size are compared beside their messages.
+    elements = _compare_rows(one, two, channel, repeated, [c.name for c in repeated if c.is_index])
+    return replace(difference, fields=difference.fields + elements.fields)
+
+
+def _compare_rows(
+    one: RunFolder,
+    two: RunFolder,
+    channel: str,
+    columns: Sequence[Column],
+    row_giver: Sequence[str],
+) -> ChannelDifference:
+    """One row per message; with the index of an array as `row_giver`, one per element of it."""
+    keys = [_keys(run, channel, row_giver) for run in (one, two)]
     if np.array_equal(keys[0], keys[1]):
         key, rows = keys[0], (slice(None), slice(None))
         alone = np.zeros(0, dtype=np.int64)
@@ -149,12 +166,12 @@ def _compare_channel(one: RunFolder, two: RunFolder, channel: str) -> ChannelDif
         key, *found = np.intersect1d(keys[0], keys[1], assume_unique=True, return_indices=True)
         rows = (found[0], found[1])
         alone = np.setxor1d(keys[0], keys[1], assume_unique=True)
-    time_s = key // SAME_TIME * 1e-6
+    time_s = key // SAME_TIME / 1e6
     fields = []
     for column in columns:
         # Column by column, so that no whole channel is held in memory.
         pair = [
-            run.read(channel, [column.name, *_row_giver(columns)])[column.name][where]
+            run.read(channel, [column.name, *row_giver])[column.name][where]
             for run, where in zip((one, two), rows, strict=True)
         ]
         if found_difference := _compare_column(channel, column, pair[0], pair[1], time_s):
@@ -163,19 +180,14 @@ def _compare_channel(one: RunFolder, two: RunFolder, channel: str) -> ChannelDif
         channel,
         key.size,
         (keys[0].size - key.size, keys[1].size - key.size),
-        float(alone.min() // SAME_TIME) * 1e-6 if alone.size else None,
+        float(alone.min() // SAME_TIME) / 1e6 if alone.size else None,
         tuple(fields),
     )
 
 
-def _row_giver(columns: Sequence[Column]) -> list[str]:
-    """Makes a field of the message repeat where the table has one row per element of an array."""
-    return [column.name for column in columns if column.is_index]
-
-
-def _keys(run: RunFolder, channel: str, columns: Sequence[Column]) -> np.ndarray:
+def _keys(run: RunFolder, channel: str, row_giver: Sequence[str]) -> np.ndarray:
     """Run clock, and which row of the channel with that time; unique within a run."""
-    table = run.read(channel, ["utime", *_row_giver(columns)])
+    table = run.read(channel, ["utime", *row_giver])
     utime = table["utime"]
     order = np.argsort(utime, kind="stable")
     ordered = utime[order]

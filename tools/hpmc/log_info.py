@@ -188,7 +188,7 @@ def _describe_channel(run: RunFolder, channel: str) -> ChannelFacts:
             steps = np.diff(seq)
             not_growing += int((steps <= 0).sum())
             gaps += [
-                Gap(log.path.name, int(seq[i]), int(steps[i]) - 1, float(utime[i]) * 1e-6)
+                Gap(log.path.name, int(seq[i]), int(steps[i]) - 1, float(utime[i]) / 1e6)
                 for i in np.flatnonzero(steps > 1)
             ]
     as_logged = utimes is not None and not all(
@@ -200,8 +200,8 @@ def _describe_channel(run: RunFolder, channel: str) -> ChannelFacts:
         note="" if lcm_type else _why_unknown(logs[0], channel),
         messages=run.count(channel),
         bytes=sum(log.size(channel) for log in logs),
-        from_s=float(min(utime.min() for utime in utimes)) * 1e-6 if utimes else None,
-        to_s=float(max(utime.max() for utime in utimes)) * 1e-6 if utimes else None,
+        from_s=float(min(utime.min() for utime in utimes)) / 1e6 if utimes else None,
+        to_s=float(max(utime.max() for utime in utimes)) / 1e6 if utimes else None,
         rhythm=_rhythm(utimes or stamps, seqs),
         logger_rhythm=_rhythm(stamps, seqs) if as_logged else None,
         lost=sum(gap.missing for gap in gaps) if timed else None,

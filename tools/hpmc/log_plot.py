@@ -142,7 +142,7 @@ def _read(
         rows = table[names[-1]] == element
         if not rows.any():
             raise LogError(f"{channel}.{field}: no message has that many elements in this time")
-    time_s = table["utime"][rows] * 1e-6
+    time_s = table["utime"][rows] / 1e6
     return [
         Curve(
             f"{channel}.{_with_element(column.name, column.member, element)}",
