@@ -1,6 +1,7 @@
 """Metrics on movements with known answers, kinematics against finite differences, the cutting of
 a log into reaches."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +87,7 @@ def arc_length_by_transform(speeds: np.ndarray, rate_hz: float) -> float:
     while seen[0][1] < 0.05:
         seen.pop(0)
     width = seen[-1][0] - seen[0][0]
-    steps = zip(seen, seen[1:], strict=False)
+    steps = itertools.pairwise(seen)
     return -sum(np.hypot((f1 - f0) / width, m1 - m0) for (f0, m0), (f1, m1) in steps)
 
 
@@ -106,7 +107,7 @@ def test_spectral_arc_length_is_that_of_the_whole_transform() -> None:
 def test_smoothness_depends_neither_on_size_nor_on_duration_and_falls_with_tremor() -> None:
     for smoothness in (spectral_arc_length, log_dimensionless_jerk):
         assert smoothness(7 * BELL, 0.01) == pytest.approx(smoothness(BELL, 0.01))
-    # the same samples in twice the time: less of the spectrum's end lies below 10 Hz
+    # the same samples in twice the time
     assert log_dimensionless_jerk(BELL, 0.02) == pytest.approx(log_dimensionless_jerk(BELL, 0.01))
     tremor = BELL * (1 + 0.2 * np.sin(2 * np.pi * 6 * np.arange(BELL.size) * 0.01))
     assert spectral_arc_length(tremor, 0.01) < spectral_arc_length(BELL, 0.01) - 0.1
