@@ -209,19 +209,22 @@ def test_single_damaged_messages_are_left_out_and_told(tmp_path: Path) -> None:
     hurt[arm[0]] ^= 1  # fingerprint, of the first message too
     hurt[can[4] + 8 + 16 : can[4] + 8 + 20] = (1 << 30).to_bytes(4, "big")  # frames there are not
     hurt[can[6] + 8 + 16] = 0x80  # a negative number of them
+    hurt[can[7] + 8 + 19] = 1  # fewer than there are
     hurt[info[2] + 8 + 16] = 0x7F  # length of a text
     path.write_bytes(hurt[:-5])
     run = RunFolder(path)
     assert run.utime_us("ARM_STATE").tolist() == [1000 * k for k in range(1, 10)]
-    assert run.utime_us("CAN_FRAMES").tolist() == [1000 * k for k in range(10) if k not in (4, 6)]
+    assert run.utime_us("CAN_FRAMES").tolist() == [
+        1000 * k for k in range(10) if k not in (4, 6, 7)
+    ]
     assert run.count("RUN_INFO") == 9
-    places = sorted([int(arm[0]), int(can[4]), int(can[6]), int(info[2])])
+    places = sorted(int(place) for place in (arm[0], can[4], can[6], can[7], info[2]))
     told = [int(re.search(r"at (\d+) hold", problem)[1]) for problem in run.problems]
-    assert told[:4] == places
-    assert len(told) == 5 and told[4] > info[-1]
+    assert told[:5] == places
+    assert len(told) == 6 and told[5] > info[-1]
     facts = {f.channel: f for f in describe(run).channels}
-    assert facts["CAN_FRAMES"].lost == 2
-    assert [(g.after_seq, g.missing) for g in facts["CAN_FRAMES"].gaps] == [(3, 1), (5, 1)]
+    assert facts["CAN_FRAMES"].lost == 3
+    assert [(g.after_seq, g.missing) for g in facts["CAN_FRAMES"].gaps] == [(3, 1), (5, 2)]
     # a strict reader refuses the log
     with pytest.raises(LogError):
         LcmLog(path).column("ARM_STATE", "utime")
@@ -338,6 +341,8 @@ def test_show_as_csv_is_exact(every: Path, rig: Rig, monkeypatch: pytest.MonkeyP
         assert "x_link_m[2][1] (m)" in rows[0]
         wanted = decoded(every, "HPMC_STATE")
         assert len(rows) == 41
+        thin = rig("show", every, "--channel", "HPMC_STATE", "--csv", "--every", "5")[1]
+        assert list(csv.reader(io.StringIO(thin)))[1:] == rows[1::5]
         place = rows[0].index("w_link_N[1][0] (N)")
         for row, message in zip(rows[1:], wanted, strict=True):
             assert float(row[0]) == message["utime"] / 1e6
@@ -393,13 +398,14 @@ def test_one_axis_per_unit(every: Path) -> None:
 
 def test_a_long_curve_keeps_its_peaks(tmp_path: Path) -> None:
     count = 3 * BUCKETS
-    events = [(k, "JOINT_TORQUE_1", torque(k, 7.0 if k == 5001 else 0.0)) for k in range(count)]
+    peaks = {5002: 7.0, 6004: -3.0}
+    events = [(k, "JOINT_TORQUE_1", torque(k, peaks.get(k, 0.0))) for k in range(count)]
     path = write_events(tmp_path / "a.lcmlog", events)
     figure = draw_curves(read_curves(RunFolder(path), ["JOINT_TORQUE_1.tau_Nm"]), "")
     line = figure.axes[0].lines[0]
     assert len(line.get_xdata()) <= 2 * BUCKETS
-    assert line.get_ydata().max() == 7.0
-    assert line.get_xdata()[line.get_ydata().argmax()] == pytest.approx(5.001)
+    assert (line.get_ydata().max(), line.get_ydata().min()) == (7.0, -3.0)
+    assert line.get_xdata()[line.get_ydata().argmax()] == 5.002
 
 
 def torque(number: int, tau_nm: float) -> bytes:
