@@ -60,12 +60,12 @@ def draw_curves(curves: Sequence[Curve], title: str, figure: Figure | None = Non
     from matplotlib.figure import Figure
 
     units = list(dict.fromkeys(curve.unit for curve in curves))
-    channels = list(dict.fromkeys(curve.channel for curve in curves))
     if figure is None:
         figure = Figure(figsize=(10, 1.2 + 2.9 * len(units)))
     axes = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
     for axis, unit in zip(axes, units, strict=True):
         shown = [curve for curve in curves if curve.unit == unit]
+        channels = list(dict.fromkeys(curve.channel for curve in shown))
         for curve in shown:
             time_s, values = _thinned(curve.time_s, curve.values)
             dot = "." if values.size == 1 else None
