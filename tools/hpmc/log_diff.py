@@ -294,11 +294,17 @@ def _field_table(difference: RunDifference) -> Table:
             f"{entry.channel}.{entry.name}",
             str(entry.rows),
             f"{entry.first_s:.6f}",
-            "text" if entry.largest is None else f"{entry.largest:.4g}",
+            _largest(entry.largest),
             entry.unit,
             f"{entry.largest_s:.6f}",
         )
     return table
+
+
+def _largest(value: float | None) -> str:
+    if value is None:
+        return "text"
+    return str(int(value)) if value.is_integer() else f"{value:.4g}"
 
 
 def _metric_table(difference: RunDifference) -> Table:
