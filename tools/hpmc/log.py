@@ -135,7 +135,7 @@ def log_info(options: argparse.Namespace) -> int:
 
 
 def log_show(options: argparse.Namespace) -> int:
-    from hpmc.log_table import write_csv, write_table
+    from hpmc.log_table import Rows, write_csv, write_table
 
     run = RunFolder(options.run)
     tell_problems(run)
@@ -146,7 +146,8 @@ def log_show(options: argparse.Namespace) -> int:
     for number, channel in enumerate(options.channel):
         if len(options.channel) > 1:
             print(("\n" if number else "") + channel)
-        write(run, channel, fields, options.from_s, options.to_s, options.every, sys.stdout)
+        rows = Rows(channel, fields, options.from_s, options.to_s, options.every)
+        write(run, rows, sys.stdout)
     return 0
 
 

@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TextIO
 
 import numpy as np
@@ -14,20 +15,23 @@ DIGITS = 9  # in the table; CSV has all
 GAP = "  "
 
 
-def write_table(
-    run: RunFolder,
-    channel: str,
-    fields: Sequence[str],
-    from_s: float | None,
-    to_s: float | None,
-    every: int,
-    out: TextIO,
-) -> None:
-    """Aligned columns, the run clock in s first; `every` n-th row."""
-    columns = _columns(run, channel, fields)
+@dataclass(frozen=True)
+class Rows:
+    """What of a run is shown."""
+
+    channel: str
+    fields: Sequence[str] = ()  # all where empty
+    from_s: float | None = None
+    to_s: float | None = None
+    every: int = 1
+
+
+def write_table(run: RunFolder, rows: Rows, out: TextIO) -> None:
+    """Aligned columns, the run clock in s first; each `every`-th row."""
+    columns = _columns(run, rows)
     heads = [TIME_HEAD, *(column.head for column in columns[1:])]
     widths: list[int] = []
-    for table in _every(run, channel, columns, from_s, to_s, every):
+    for table in _every(run, rows, columns):
         cells = [_cells(values) for values in table.values[1:]]
         cells.insert(0, [f"{time / 1e6:.6f}" for time in table.values[0].tolist()])
         if not widths:
@@ -39,43 +43,29 @@ def write_table(
         out.writelines(_line(row, widths) for row in zip(*cells, strict=True))
 
 
-def write_csv(
-    run: RunFolder,
-    channel: str,
-    fields: Sequence[str],
-    from_s: float | None,
-    to_s: float | None,
-    every: int,
-    out: TextIO,
-) -> None:
+def write_csv(run: RunFolder, rows: Rows, out: TextIO) -> None:
     """The same as CSV, every number in full."""
-    columns = _columns(run, channel, fields)
+    columns = _columns(run, rows)
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([TIME_HEAD, *(column.head for column in columns[1:])])
-    for table in _every(run, channel, columns, from_s, to_s, every):
+    for table in _every(run, rows, columns):
         cells = [_plain(values) for values in table.values[1:]]
         writer.writerows(zip((table.values[0] / 1e6).tolist(), *cells, strict=True))
 
 
-def _columns(run: RunFolder, channel: str, fields: Sequence[str]) -> list[Column]:
+def _columns(run: RunFolder, rows: Rows) -> list[Column]:
     """utime, for the time in front, and what was asked for; utime itself is not shown twice."""
-    (utime,) = run.columns(channel, ["utime"])
-    return [utime, *(c for c in run.columns(channel, fields) if c.name != "utime" or fields)]
+    (utime,) = run.columns(rows.channel, ["utime"])
+    columns = run.columns(rows.channel, rows.fields)
+    return [utime, *(column for column in columns if column.name != "utime" or rows.fields)]
 
 
-def _every(
-    run: RunFolder,
-    channel: str,
-    columns: Sequence[Column],
-    from_s: float | None,
-    to_s: float | None,
-    every: int,
-) -> Iterator[Table]:
+def _every(run: RunFolder, rows: Rows, columns: Sequence[Column]) -> Iterator[Table]:
     offset = 0
-    for table in run.chunks(channel, columns, from_s, to_s):
-        first = -offset % every
+    for table in run.chunks(rows.channel, columns, rows.from_s, rows.to_s):
+        first = -offset % rows.every
         offset += len(table)
-        yield Table(table.columns, tuple(values[first::every] for values in table.values))
+        yield Table(table.columns, tuple(values[first :: rows.every] for values in table.values))
 
 
 def _cells(values: np.ndarray) -> list[str]:
