@@ -70,7 +70,7 @@ static void act(void) {
 
 static void send_text(void) {
     if (text.length != 0U && !usart_send(text.text, text.length)) {
-        input.frames_lost++;
+        frames.frames_lost++; /* 2201h:08 */
     }
 }
 
