@@ -184,6 +184,7 @@ static bool is_alive(void) {
     return main_alive && (ticks_alive || is_stepped());
 }
 
+/* cppcheck-suppress unusedFunction ; interrupt_time branches to it */
 __attribute__((used)) static void beat(const uint32_t *frame) {
     time_base_expired();
     if (is_alive()) {
