@@ -55,11 +55,15 @@ static void power_on_values(const motor_node_config_t *config, uint8_t node_id,
 }
 
 static void reset_communication(const motor_node_config_t *config, motor_node_t *node) {
-    const uint8_t error_register = node->od.error_register; /* a fault outlasts this reset */
     node->node_id = node->lss.pending_node_id;
     power_on_values(config, node->node_id, &node->power_on);
+    /* A fault and the history of errors outlast this reset. */
+    node->power_on.error_register = node->od.error_register;
+    node->power_on.pre_defined_error_field_number_of_errors =
+        node->od.pre_defined_error_field_number_of_errors;
+    memcpy(node->power_on.pre_defined_error_field, node->od.pre_defined_error_field,
+           sizeof node->od.pre_defined_error_field);
     od_copy_communication(&node->power_on, &node->od);
-    node->od.error_register = error_register;
     lss_init(node->node_id, &node->lss);
 
     node->nmt = NMT_PRE_OPERATIONAL;
@@ -464,14 +468,15 @@ static void follow_bus(bool bus_off, motor_node_t *node) {
     node->bus_off = bus_off;
 }
 
+/** Injected sensors have no motor, so no current either. */
 static void sample_current(const motor_node_input_t *input, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
+    const uint32_t current_mA = od->sensor_source != 0U ? 0U : input->current_mA;
     const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
-    uint64_t thousandths = (uint64_t)input->current_mA * 1000U / rated_mA;
-    node->current_mA = input->current_mA;
-    node->mean_square_mA2 =
-        derating_mean_square(node->mean_square_mA2, input->current_mA,
-                             od->derating_current_time_ms * 1000U, input->elapsed_us);
+    uint64_t thousandths = (uint64_t)current_mA * 1000U / rated_mA;
+    node->current_mA = current_mA;
+    node->mean_square_mA2 = derating_mean_square(
+        node->mean_square_mA2, current_mA, od->derating_current_time_ms * 1000U, input->elapsed_us);
     if (thousandths > (uint64_t)INT16_MAX) {
         thousandths = (uint64_t)INT16_MAX;
     }

@@ -6,6 +6,7 @@ ends with the byte that is waited for, or fails after WAIT_S.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import socket
@@ -19,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-WAIT_S = 60.0
+WAIT_S = 20.0
 PAGE_ADDRESSES = (0x0800_8000, 0x0800_C000)
 CODE_ADDRESS = 0x2001_0000  # RAM that the image does not use
 
@@ -142,16 +143,32 @@ class Emulator:
         self.send(text.encode() + b"\r")
         return self.answers()
 
+    def await_board(self) -> None:
+        """Asks until the board answers: while it starts it does not listen."""
+        end = time.monotonic() + WAIT_S
+        self.line.settimeout(0.1)
+        while b"V" not in self.received:
+            assert time.monotonic() < end, "the board does not answer"
+            self.send(b"\rV\r")
+            with contextlib.suppress(TimeoutError):
+                self.received += self.line.recv(65536)
+        self.line.settimeout(WAIT_S)
+        self.send(b"N\r")  # whatever else was asked is answered before it
+        while not self.read_line()[0].startswith("N"):
+            pass
+
     def open(self) -> None:
         """Opens the channel of a board that has just started."""
+        self.await_board()
         assert not self.command("O").refused
 
     def open_after_reset(self) -> None:
         """Opens the channel as soon as the board is there again; it refuses before, being open."""
         end = time.monotonic() + WAIT_S
+        self.await_board()
         while self.command("O").refused:
             assert time.monotonic() < end, "no reset"
-            time.sleep(0.01)
+            self.await_board()
 
     # --- frames
 
@@ -202,28 +219,97 @@ class Emulator:
 
     # --- debugger
 
-    def debug(self, *commands: str) -> str:
-        """Runs gdb on the board that is halted meanwhile, and lets it go on."""
-        options = [f"--eval-command={command}" for command in (
-            "set architecture arm", f"file {self.elf}", f"target remote {self.folder}/gdb",
-            *commands, "delete", "detach",
-        )]  # fmt: skip
-        done = subprocess.run(
-            ["gdb-multiarch", "-nx", "-batch", *options], stdin=subprocess.DEVNULL,
-            capture_output=True, text=True, timeout=WAIT_S, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
-    def run_in_node(self, code: Sequence[int], *commands: str) -> str:
-        """Lets the node's next step run other code (Thumb half-words) instead."""
-        words = [
-            f"set {{unsigned short}}{CODE_ADDRESS + 2 * i:#x} = {word:#x}"
-            for i, word in enumerate(code)
-        ]
-        return self.debug(
-            "break motor_node_step", "continue", *words, *commands, f"set $pc = {CODE_ADDRESS:#x}"
+    def symbol(self, name: str) -> int:
+        """Address of a function."""
+        listed = subprocess.run(
+            ["arm-none-eabi-nm", str(self.elf)], check=True, capture_output=True, text=True
+        ).stdout
+        return next(
+            int(line.split()[0], 16) for line in listed.splitlines() if line.split()[-1] == name
         )
+
+    def debug(self) -> Debugger:
+        """Halts the board until the debugger is closed."""
+        return Debugger(self.folder / "gdb")
+
+    def run_instead(
+        self, function: str, code: Sequence[int], registers: Sequence[int] = (),
+        line: bytes = b"", times: int = 1,
+    ) -> None:  # fmt: skip
+        """Runs other code (Thumb half-words) when a function is called next, which line, sent to
+        the board, may bring about. registers: r0 and on."""
+        with self.debug() as debugger:
+            debugger.write(CODE_ADDRESS, struct.pack(f"<{len(code)}H", *code))
+            debugger.set_breakpoint(self.symbol(function))
+            self.send(line)
+            for _ in range(times):
+                debugger.run()
+                for number, value in enumerate(registers):
+                    debugger.set_register(number, value)
+                debugger.set_register(PROGRAM_COUNTER, CODE_ADDRESS)
+            debugger.clear_breakpoint(self.symbol(function))
+
+
+PROGRAM_COUNTER = 15
+
+
+class Debugger:
+    """A client of QEMU's gdb stub: GDB's remote serial protocol, as far as it is needed here."""
+
+    def __init__(self, path: Path) -> None:
+        self.stub = socket.socket(socket.AF_UNIX)
+        self.stub.settimeout(WAIT_S)
+        self.stub.connect(str(path))
+        self.received = b""
+        self.ask("qXfer:features:read:target.xml:0,ffb")  # else it refuses to set registers
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ask("D")  # detach: the board goes on
+        self.stub.close()
+
+    def answer(self) -> str:
+        """The next packet."""
+        while not (match := re.search(rb"\$([^#]*)#..", self.received)):
+            more = self.stub.recv(4096)
+            assert more, "QEMU has ended"
+            self.received += more
+        self.received = self.received[match.end() :]
+        self.stub.sendall(b"+")
+        return match[1].decode()
+
+    def ask(self, request: str) -> str:
+        """One request and its answer."""
+        content = request.encode()
+        self.stub.sendall(b"$%s#%02x" % (content, sum(content) & 0xFF))
+        answer = self.answer()
+        while answer.startswith("T02") or (answer.startswith("T") and request not in ("c", "?")):
+            answer = self.answer()  # QEMU tells unasked that connecting has halted the board
+        assert not answer.startswith("E"), f"{request}: {answer}"
+        return answer
+
+    def write(self, address: int, content: bytes) -> None:
+        """Memory."""
+        assert self.ask(f"M{address:x},{len(content):x}:{content.hex()}") == "OK"
+
+    def set_register(self, number: int, value: int) -> None:
+        """r0 to r15."""
+        assert self.ask(f"P{number:x}={value.to_bytes(4, 'little').hex()}") == "OK"
+
+    def set_breakpoint(self, address: int) -> None:
+        """In flash or RAM."""
+        assert self.ask(f"Z0,{address:x},2") == "OK"
+
+    def clear_breakpoint(self, address: int) -> None:
+        """Takes it away."""
+        assert self.ask(f"z0,{address:x},2") == "OK"
+
+    def run(self) -> None:
+        """Goes on up to the breakpoint."""
+        answer = self.ask("c")
+        assert answer.startswith("T05"), answer
 
 
 class SdoAbort(Exception):

@@ -125,3 +125,44 @@ void test_injected_sensors_are_a_reference_and_the_encoder_is_none_after_them(vo
     rig_step();
     TEST_ASSERT_FALSE(rig.node.referenced);
 }
+
+void test_injected_sensors_replace_the_current_too(void) {
+    power_on();
+    rig.input.current_mA = UINT32_MAX; /* a broken wire */
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.mean_square_mA2 != 0U);
+    rig_write(0x2F00, 0, 1, 1);
+    rig_inject(5000, 1, 0);
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.mean_square_mA2 == 0U);
+    TEST_ASSERT_EQUAL_INT16(0, rig.node.od.current_actual_value);
+    rig_nmt(1);
+    rig_step();
+    for (uint8_t tick = 0; tick < 3U; tick++) {
+        rig_inject(5000, (uint8_t)(tick + 2U), 0);
+        rig_cycle();
+    }
+    rig_control(0x06, -1);
+    rig_cycle();
+    rig_control(0x07, 0);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+}
+
+void test_a_node_that_has_to_wait_for_its_node_id_tells_its_reset_then(void) {
+    const uint8_t give[3][8] = {{0x04, 1}, {0x11, NODE_ID}, {0x04, 0}};
+    rig.config.node_id = LSS_UNCONFIGURED;
+    rig.config.supervisor_reset = true;
+    power_on();
+    for (size_t i = 0; i < 3U; i++) {
+        rig_step();
+        TEST_ASSERT_EQUAL_HEX16(0, rig_emergency());
+        rig_send(0x7E5, 8, give[i]);
+    }
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX16(0x6010, rig_emergency()); /* with the new node-id */
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.pre_defined_error_field_number_of_errors);
+    TEST_ASSERT_EQUAL_HEX32(0x6010, rig.node.od.pre_defined_error_field[0]);
+}
