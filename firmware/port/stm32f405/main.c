@@ -28,8 +28,8 @@
 /* SysTick's beat: the supervisor's, and on the internal oscillator, where no torque depends on it,
  * the joint tick's. */
 #define BEAT_us 10000U
-/* 50 ms; on the internal oscillator, where the amplifier stays off, 2 s: an emulator's clock may run
- * ten times as fast as its core. */
+/* 50 ms; on the internal oscillator, where the amplifier stays off, 2 s: an emulator's clock may
+ * run ten times as fast as its core. */
 #define SUPERVISOR_BEATS 5U
 #define SUPERVISOR_BEATS_OFF 200U
 
