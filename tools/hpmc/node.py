@@ -75,7 +75,7 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--after-watchdog", action="store_true",
                         help="starts as after a reset by the watchdog")  # fmt: skip
     parser.add_argument("--internal-oscillator", action="store_true",
-                        help="starts as after a failure of its crystal: enabling is refused")  # fmt: skip
+                        help="starts as without its crystal: enabling is refused")  # fmt: skip
     parser.add_argument("--temperature-dC", type=whole(-2730, 32767), default=250, metavar="N",
                         help="of the motor, in 0.1 degree Celsius (%(default)s)")  # fmt: skip
     parser.add_argument("--fixed", action="store_true",

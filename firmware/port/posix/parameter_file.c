@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 static off_t position(uint8_t copy, size_t offset) {
-    return (off_t)(copy * PARAMETER_STORE_COPY_BYTES + offset);
+    return (off_t)((size_t)copy * PARAMETER_STORE_COPY_BYTES + offset);
 }
 
 static bool read_bytes(void *context, uint8_t copy, size_t offset, uint8_t *data, size_t size) {
