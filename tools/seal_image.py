@@ -20,7 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from hpmc.firmware_image import (  # noqa: E402  (works without installing the package)
+from hpmc.firmware_image import (
     ImageError,
     VersionBlock,
     elf_segments,

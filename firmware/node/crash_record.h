@@ -27,7 +27,7 @@ typedef struct {
     crash_cause_t cause;
     uint32_t program_counter;
     uint32_t link_register;
-    uint32_t program_status;
+    uint32_t program_status;    /**< xPSR */
     uint32_t fault_status;      /**< CFSR */
     uint32_t hard_fault_status; /**< HFSR */
     uint32_t fault_address;     /**< MMFAR or BFAR, 0 when not valid */

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from emulator import PAGE_ADDRESSES, Emulator
+
 from hpmc.firmware_image import find_image
 from hpmc.parameter_page import device_page
 
@@ -49,11 +50,10 @@ def boards() -> Iterator[Boards]:
     """Makes boards that end with the test: boards(elf) is node 3, its channel open."""
     with ExitStack() as stack:
 
-        def make(elf: Path, pages: dict[int, bytes] | None = None, *, opened: bool = True) -> Emulator:
+        def make(elf: Path, pages: dict[int, bytes] | None = None) -> Emulator:
             content = {PAGE_ADDRESSES[0]: PAGE} if pages is None else pages
             board = stack.enter_context(Emulator(elf, content))
-            if opened:
-                board.open()
+            board.open()
             return board
 
         yield make

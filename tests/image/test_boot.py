@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from conftest import NODE, PAGE, SERIAL, Boards
 from emulator import CODE_ADDRESS, PAGE_ADDRESSES, Emulator, Frame, SdoAbort
+
 from hpmc.firmware_image import verify
 from hpmc.parameter_page import ParameterPage
 
@@ -113,7 +115,7 @@ def test_time_is_counted_by_ticks(boards: Boards, float_image: Path) -> None:
     Joint(board)
     tick(board, 0, 0)
     beats = [n for n in range(1, 1001) if Frame(0x700 + NODE, b"\x7f") in tick(board, n, 0)]
-    assert [b - a for a, b in zip(beats, beats[1:], strict=False)] == [100] * 9
+    assert [b - a for a, b in pairwise(beats)] == [100] * 9
 
 
 def test_torque_and_node_reset_in_mid_run(boards: Boards, image: Path) -> None:

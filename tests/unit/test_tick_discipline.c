@@ -134,6 +134,19 @@ void test_smooths_a_sync_that_jitters(void) {
     TEST_ASSERT_TRUE(longest <= NOMINAL + STEP + 84 && shortest >= NOMINAL - STEP - 85);
 }
 
+void test_one_late_sync_moves_the_ticks_by_a_quarter(void) {
+    for (int k = 1; k <= 100; k++) {
+        (void)sync_at(84000.0 * k, 5);
+    }
+    (void)sync_at(84000.0 * 101 + 400.0, 5);
+    const double from = begin + length;
+    for (int i = 0; i < 6; i++) {
+        next_tick();
+    }
+    /* a quarter of 400, and what an eighth of 400 / 5 makes of four or five ticks */
+    TEST_ASSERT_TRUE(begin - from - 5.0 * NOMINAL > 90.0 && begin - from - 5.0 * NOMINAL < 155.0);
+}
+
 void test_missing_syncs_do_not_lose_step(void) {
     double late = 0.0;
     for (int k = 1; k <= 600; k++) {

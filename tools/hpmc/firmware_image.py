@@ -110,5 +110,5 @@ def find_image(build: Path) -> Path:
     """The one sealed .elf in a build folder."""
     found = sorted(build.glob("motor_node*+g*.elf"))
     if len(found) != 1:
-        raise ImageError(f"{build}: {len(found)} images instead of one; build it: ./rig build firmware")
+        raise ImageError(f"{build}: {len(found)} images, not one; build it: ./rig build firmware")
     return found[0]

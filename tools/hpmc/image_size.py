@@ -110,9 +110,7 @@ def read_functions(disassembly: str) -> dict[str, Function]:
         target = TARGET.search(line)
         if operation in ("bl", "blx") and target:
             function.calls.add(target[1])
-        elif operation == "blx":
-            function.indirect = True
-        elif operation == "bx" and operands != "lr":
+        elif operation == "blx" or (operation == "bx" and operands != "lr"):
             function.indirect = True
         elif operation.startswith("b") and target and target[1] != name and not target[2]:
             function.tail_calls.add(target[1])

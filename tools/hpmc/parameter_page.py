@@ -90,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--node-id", type=number(1, 127, UNCONFIGURED), required=True,
                         help="1 to 127, or 255: none until LSS gives one")  # fmt: skip
     parser.add_argument("--serial", type=number(1, 0xFFFF_FFFF), required=True,
-                        help="1018h:04, where the chip's own identifier cannot be read")  # fmt: skip
+                        help="1018h:04, where the chip's own cannot be read")  # fmt: skip
     parser.add_argument("file", type=Path)
     arguments = parser.parse_args(argv)
     try:

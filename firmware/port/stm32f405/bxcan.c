@@ -127,7 +127,6 @@ bxcan_start_t bxcan_start(uint8_t node_id, bxcan_t *can) {
     if (!register_wait(CAN_MSR, CAN_MSR_INAK | CAN_MSR_SLAK, CAN_MSR_INAK, WAIT_READS)) {
         return BXCAN_ABSENT;
     }
-    register_write(CAN_MCR, CAN_MCR_INRQ | CAN_MCR_ABOM);
     register_write(CAN_BTR, register_field(CAN_BTR_BRP, PRESCALER - 1U) |
                                 register_field(CAN_BTR_TS1, QUANTA_BEFORE_SAMPLE - 1U) |
                                 register_field(CAN_BTR_TS2, QUANTA_AFTER_SAMPLE - 1U) |
@@ -268,7 +267,6 @@ static void fill(size_t mailbox, const can_frame_t *frame, bxcan_t *can) {
     }
     can->in_mailbox[mailbox] = *frame;
     can->taken[mailbox] = true;
-    can->called_back[mailbox] = false;
     register_write(CAN_TDTR((uint32_t)mailbox), register_field(CAN_TDTR_DLC, frame->len));
     register_write(CAN_TDLR((uint32_t)mailbox), words[0]);
     register_write(CAN_TDHR((uint32_t)mailbox), words[1]);
@@ -283,17 +281,18 @@ static void remove_waiting(size_t place, bxcan_t *can) {
     }
 }
 
-/** Calls back the least urgent mailbox for a more urgent frame, one at a time. */
+/** Calls back the least urgent mailbox for a more urgent frame; asked for again, it changes
+ * nothing.
+ */
 static void call_back(uint16_t id, bxcan_t *can) {
     size_t least = 0;
     for (size_t i = 0; i < BXCAN_MAILBOXES; i++) {
-        if (!can->taken[i] || can->called_back[i]) {
-            return; /* one will be free without that */
+        if (!can->taken[i]) {
+            return; /* flushed: it will be free without that */
         }
         least = can->in_mailbox[i].id > can->in_mailbox[least].id ? i : least;
     }
     if (can->in_mailbox[least].id > id) {
-        can->called_back[least] = true;
         register_write(CAN_TSR, of_mailbox(CAN_TSR_ABRQ0, least));
     }
 }

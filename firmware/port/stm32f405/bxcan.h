@@ -70,7 +70,6 @@ typedef struct {
     size_t waiting_count;
     can_frame_t in_mailbox[BXCAN_MAILBOXES];
     bool taken[BXCAN_MAILBOXES];
-    bool called_back[BXCAN_MAILBOXES];
     bool bus_off;
     uint32_t losses_taken; /**< frames that bxcan_take_losses() has told */
     bxcan_counters_t counters;

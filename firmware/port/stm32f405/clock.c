@@ -9,8 +9,7 @@
 #define ATTEMPTS 10000U
 
 #define PLL_M 8U   /* 8 MHz / 8 = 1 MHz */
-#define PLL_N 336U /* x 336 = 336 MHz */
-#define PLL_P 0U   /* / 2 = 168 MHz */
+#define PLL_N 336U /* x 336 = 336 MHz; PLLP 0: / 2 = 168 MHz */
 #define PLL_Q 7U   /* / 7 = 48 MHz */
 #define SOURCE_PLL 2U
 #define DIVIDE_BY_4 5U
@@ -28,8 +27,7 @@ static bool start_crystal(void) {
         return false;
     }
     register_write(RCC_PLLCFGR, register_field(RCC_PLLCFGR_PLLM, PLL_M) |
-                                    register_field(RCC_PLLCFGR_PLLN, PLL_N) |
-                                    register_field(RCC_PLLCFGR_PLLP, PLL_P) | RCC_PLLCFGR_PLLSRC |
+                                    register_field(RCC_PLLCFGR_PLLN, PLL_N) | RCC_PLLCFGR_PLLSRC |
                                     register_field(RCC_PLLCFGR_PLLQ, PLL_Q));
     register_set(RCC_CR, RCC_CR_PLLON);
     if (!register_wait(RCC_CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY, ATTEMPTS)) {

@@ -10,11 +10,12 @@
 #include <stdint.h>
 
 typedef struct {
-    bool crystal; /**< false: internal oscillator */
-    uint32_t core_MHz;
-    uint32_t apb2_Hz; /**< of USART1 */
+    bool crystal;      /**< false: internal oscillator */
+    uint32_t core_MHz; /**< 16 or 168 MHz */
+    uint32_t apb2_Hz;  /**< of USART1 */
 } clock_tree_t;
 
+/** Starts the crystal and the PLL, as far as they come. */
 clock_tree_t clock_init(void);
 
 #endif

@@ -118,7 +118,7 @@ _Noreturn void fault_end(crash_cause_t cause, const uint32_t *frame) {
 static bool is_guard(uint32_t status, uint32_t stack_pointer) {
     const bool at_guard = (status & SCB_CFSR_MMARVALID) != 0U &&
                           register_read(SCB_MMFAR) - (uint32_t)(uintptr_t)stack_guard <
-                              (uint32_t)(stack_end - stack_guard);
+                              (uint32_t)((uintptr_t)stack_end - (uintptr_t)stack_guard);
     const bool stacking = (status & (SCB_CFSR_MSTKERR | SCB_CFSR_STKERR | SCB_CFSR_MLSPERR)) != 0U;
     return at_guard || stacking || stack_pointer < (uint32_t)(uintptr_t)stack_end;
 }
@@ -142,6 +142,7 @@ static crash_cause_t cause_of(uint32_t exception, const uint32_t *frame) {
 }
 
 /* Returns only from a probe, behind the load that has failed. */
+/* cppcheck-suppress unusedFunction ; fault_entry calls it */
 __attribute__((used)) static void fault_handle(uint32_t *frame) {
     const uint32_t exception = register_field_of(SCB_ICSR_VECTACTIVE, register_read(SCB_ICSR));
     if (probing && exception == EXCEPTION_BUS) {
@@ -175,6 +176,7 @@ __attribute__((naked)) void fault_entry(void) {
 }
 
 bool fault_probe(uint32_t address, uint32_t *value) {
+    /* cppcheck-suppress variableScope ; the assembler sets it */
     uint32_t found = 0;
     probe_failed = false;
     probing = true;

@@ -27,7 +27,8 @@ void fault_keep(crash_cause_t cause);
 /** Torque off, record, reset. frame: what the core has stacked at exception entry. */
 _Noreturn void fault_end(crash_cause_t cause, const uint32_t *frame);
 
-/** Reads a word that may not be there; false when the bus answers with a fault. */
+/** Reads a word that may not be there, at an address that is a multiple of 4 bytes; false when the
+ * bus answers with a fault. */
 bool fault_probe(uint32_t address, uint32_t *value);
 
 /** Entry of all fault exceptions and of interrupts without a handler. */

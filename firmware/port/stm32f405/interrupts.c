@@ -8,9 +8,8 @@
 void interrupts_init(void) {
     register_write(SCB_SHPR1, 0);
     register_write(SCB_SHPR2, 0);
-    register_write(SCB_SHPR3,
-                   register_field(SCB_SHPR3_PRI_14, PRIORITY_NODE << PRIORITY_SHIFT) |
-                       register_field(SCB_SHPR3_PRI_15, PRIORITY_TIME << PRIORITY_SHIFT));
+    /* SysTick's stays PRIORITY_TIME, 0. */
+    register_write(SCB_SHPR3, register_field(SCB_SHPR3_PRI_14, PRIORITY_NODE << PRIORITY_SHIFT));
 }
 
 void interrupts_enable(uint32_t interrupt) {

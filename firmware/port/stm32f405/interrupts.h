@@ -22,11 +22,17 @@
 #define PRIORITY_RECEIVE 1U
 #define PRIORITY_NODE 15U
 
+/** SysTick. */
 void interrupt_time(void);
+/** PendSV. */
 void interrupt_node(void);
+/** TIM2. */
 void interrupt_tick_timer(void);
+/** CAN1, FIFO 0. */
 void interrupt_can_cyclic(void);
+/** CAN1, FIFO 1. */
 void interrupt_can_other(void);
+/** USART1. */
 void interrupt_usart1(void);
 
 /** Sets the priorities of the core's own exceptions. */
@@ -38,15 +44,17 @@ void interrupts_enable(uint32_t interrupt);
 /** Lets interrupt_node run as soon as nothing more urgent does. */
 void interrupts_request_node(void);
 
-/** Keeps all interrupts but faults out until interrupts_restore; calls may nest. */
+/** Keeps all interrupts but faults out until interrupts_restore; calls may nest. Returns the mask
+ * to restore, PRIMASK. */
 static inline uint32_t interrupts_block(void) {
-    uint32_t before;
-    __asm__ volatile("mrs %0, primask\n\tcpsid i" : "=r"(before)::"memory");
-    return before;
+    uint32_t primask; /* mask of the interrupts, 0 or 1 */
+    __asm__ volatile("mrs %0, primask\n\tcpsid i" : "=r"(primask)::"memory");
+    return primask;
 }
 
-static inline void interrupts_restore(uint32_t before) {
-    __asm__ volatile("msr primask, %0" ::"r"(before) : "memory");
+/** Ends what the matching interrupts_block has begun. primask: what it returned, 0 or 1. */
+static inline void interrupts_restore(uint32_t primask) {
+    __asm__ volatile("msr primask, %0" ::"r"(primask) : "memory");
 }
 
 #endif

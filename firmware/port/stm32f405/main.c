@@ -2,8 +2,9 @@
  * motor_node on the STM32F405: puts the node, its bus and its joint together. What runs at which
  * priority is in interrupts.h; docs/firmware_image.md has the timing.
  *
- * Bus: CAN on the crystal's clock with a controller that answers; else SLCAN over the serial line.
- * Both fill the queue of frames of slcan_node, which has the rule of the stepped time base.
+ * Bus: CAN on the crystal's clock, or SLCAN over the serial line, whichever is first: opening the
+ * SLCAN channel turns CAN away, and a frame on CAN turns the serial line away. Both fill the queue
+ * of frames of slcan_node, which has the rule of the stepped time base.
  */
 #include "node/motor_node.h"
 #include "port/slcan/slcan_node.h"
@@ -28,8 +29,8 @@
 /* SysTick's beat: the supervisor's, and on the internal oscillator, where no torque depends on it,
  * the joint tick's. */
 #define BEAT_us 10000U
-/* 50 ms; on the internal oscillator, where the amplifier stays off, 2 s: an emulator's clock may run
- * ten times as fast as its core. */
+/* 50 ms; on the internal oscillator, where the amplifier stays off, 2 s: an emulator's clock may
+ * run ten times as fast as its core. */
 #define SUPERVISOR_BEATS 5U
 #define SUPERVISOR_BEATS_OFF 200U
 
@@ -70,12 +71,17 @@ static void act(void) {
 
 static void send_text(void) {
     if (text.length != 0U && !usart_send(text.text, text.length)) {
-        input.frames_lost++;
+        frames.frames_lost++; /* 2201h:08 */
     }
 }
 
+/** The channel over the serial line is open, or nothing else is there. */
+static bool is_serial(void) {
+    return !on_can || frames.open;
+}
+
 static void send_frames(void) {
-    if (on_can) {
+    if (!is_serial()) {
         (void)bxcan_send(output.frames, output.frame_count, &can); /* a loss is counted there */
         frames.answers_due = 0;
         if (filtered_id != node.node_id) {
@@ -96,7 +102,7 @@ static void step(void) {
     joint_io_sample(&node.od, &input);
     slcan_node_input(&frames, &input);
     if (on_can) {
-        input.bus_off = bxcan_poll(&can);
+        input.bus_off = bxcan_poll(&can) && !is_serial();
         input.frames_lost += bxcan_take_losses(&can);
     }
     motor_node_step(&config, &node, &input, &output);
@@ -127,7 +133,7 @@ static void receive_bytes(void) {
 static void receive_frames(void) {
     can_frame_t frame;
     while (bxcan_receive(&can, &frame, 1) != 0U) {
-        if (slcan_node_take(&node, &frame, &frames, &text)) {
+        if (!is_serial() && slcan_node_take(&node, &frame, &frames, &text)) {
             step();
         }
     }
@@ -137,7 +143,8 @@ void interrupt_node(void) {
     if (on_can) {
         receive_frames();
         bxcan_transmit(&can); /* mailboxes that have become free */
-    } else {
+    }
+    if (is_serial() || can.counters.received == 0U) {
         receive_bytes();
     }
     if (tick_due) {
@@ -184,6 +191,7 @@ static bool is_alive(void) {
     return main_alive && (ticks_alive || is_stepped());
 }
 
+/* cppcheck-suppress unusedFunction ; interrupt_time branches to it */
 __attribute__((used)) static void beat(const uint32_t *frame) {
     time_base_expired();
     if (is_alive()) {
@@ -195,7 +203,7 @@ __attribute__((used)) static void beat(const uint32_t *frame) {
     } else {
         silent_beats++;
     }
-    if (!on_can) {
+    if (!clock.crystal) {
         request_tick();
     }
 }
@@ -247,13 +255,14 @@ void main_prepare(void) {
 
 static void start_ticks(void) {
     time_base_start(clock.core_MHz, BEAT_us);
-    if (on_can) {
+    usart_init(clock.apb2_Hz);
+    if (clock.crystal) {
         tick_timer_start(&tick_timer);
         interrupts_enable(IRQ_TIM2);
+    }
+    if (on_can) {
         interrupts_enable(IRQ_CAN1_RX0);
         interrupts_enable(IRQ_CAN1_RX1);
-    } else {
-        usart_init(clock.apb2_Hz);
     }
 }
 

@@ -2,6 +2,7 @@
  * From reset to main, and the vector table (DDI 0403E, B1.5.3; RM0090, table 61). Every vector
  * without a handler of its own is a fault.
  */
+#include <stddef.h>
 #include <stdint.h>
 
 #include "port/stm32f405/fault.h"
@@ -24,7 +25,9 @@ int main(void);
 _Noreturn void startup_reset(void);
 
 typedef union {
+    /* cppcheck-suppress unusedStructMember ; the core reads it */
     void (*handler)(void);
+    /* cppcheck-suppress unusedStructMember ; the core reads it */
     void *stack;
 } vector_t;
 
@@ -43,12 +46,13 @@ __attribute__((section(".vectors"),
 };
 
 _Noreturn void startup_reset(void) {
-    const uint32_t *source = data_source;
-    for (uint32_t *to = data_begin; to < data_end; to++, source++) {
-        *to = *source;
+    const size_t data_words = ((uintptr_t)data_end - (uintptr_t)data_begin) / sizeof data_begin[0];
+    const size_t bss_words = ((uintptr_t)bss_end - (uintptr_t)bss_begin) / sizeof bss_begin[0];
+    for (size_t i = 0; i < data_words; i++) {
+        data_begin[i] = data_source[i];
     }
-    for (uint32_t *to = bss_begin; to < bss_end; to++) {
-        *to = 0;
+    for (size_t i = 0; i < bss_words; i++) {
+        bss_begin[i] = 0;
     }
 #ifdef __ARM_FP
     register_set(SCB_CPACR, SCB_CPACR_CP10 | SCB_CPACR_CP11);

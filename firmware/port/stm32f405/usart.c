@@ -19,7 +19,6 @@ static volatile uint16_t send_head;
 static volatile uint16_t send_tail;
 static volatile bool lost;
 static volatile uint16_t lost_at; /* place in the ring of the first loss that was not told yet */
-static usart_counters_t counters;
 
 void usart_init(uint32_t apb2_Hz) {
     register_set(RCC_APB2ENR, RCC_APB2ENR_USART1EN);
@@ -33,7 +32,6 @@ void usart_init(uint32_t apb2_Hz) {
 static void lose(uint16_t head) {
     lost_at = lost ? lost_at : head;
     lost = true;
-    counters.received_lost++;
 }
 
 void interrupt_usart1(void) {
@@ -75,7 +73,6 @@ bool usart_send(const char *text, size_t length) {
     uint16_t head = send_head;
     const size_t room = (send_tail + SEND_SIZE - head - 1U) % SEND_SIZE;
     if (length > room) {
-        counters.sent_lost++;
         return false;
     }
     for (size_t i = 0; i < length; i++) {
@@ -94,8 +91,4 @@ bool usart_transmit(void) {
         send_tail = tail;
     }
     return tail == send_head;
-}
-
-const usart_counters_t *usart_counters(void) {
-    return &counters;
 }

@@ -2,9 +2,9 @@
  * USART1 on PA9 (transmit) and PA10 (receive), 1 Mbit/s, 8N1 (RM0090, section 30).
  *
  * Received bytes go into a ring by interrupt; a byte that is lost (ring full, overrun, framing,
- * noise) is counted and told once at its place. Bytes to send wait in a ring that main empties:
- * sending never blocks and needs no interrupt. What finds no room there is dropped whole and
- * counted.
+ * noise) is told once at its place. Bytes to send wait in a ring that main empties:
+ * sending never blocks and needs no interrupt. What finds no room there is dropped whole, and
+ * the caller is told.
  */
 #ifndef USART_H
 #define USART_H
@@ -20,11 +20,6 @@
 
 typedef enum { USART_EMPTY, USART_BYTE, USART_LOST } usart_event_t;
 
-typedef struct {
-    uint32_t received_lost; /**< bytes */
-    uint32_t sent_lost;     /**< texts that found no room */
-} usart_counters_t;
-
 /** After gpio_start(). */
 void usart_init(uint32_t apb2_Hz);
 
@@ -36,7 +31,5 @@ bool usart_send(const char *text, size_t length);
 
 /** Moves bytes to the transmitter as far as it takes them; true when none are left. From main. */
 bool usart_transmit(void);
-
-const usart_counters_t *usart_counters(void);
 
 #endif

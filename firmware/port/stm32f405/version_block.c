@@ -40,10 +40,10 @@ bool version_block_image_is_whole(void) {
     extern const uint8_t image_limit[];
     const uint32_t bytes = sealed()->image_bytes;
     const uint8_t *after = (const uint8_t *)&version_block + sizeof version_block;
-    const size_t before_crc = (size_t)((const uint8_t *)&version_block - image_begin) +
+    const size_t before_crc = (size_t)((uintptr_t)&version_block - (uintptr_t)image_begin) +
                               offsetof(version_block_t, image_crc);
     if (bytes < before_crc + sizeof version_block.image_crc ||
-        bytes > (size_t)(image_limit - image_begin)) {
+        bytes > (size_t)((uintptr_t)image_limit - (uintptr_t)image_begin)) {
         return false;
     }
     const uint32_t crc = crc32(image_begin, before_crc, 0);

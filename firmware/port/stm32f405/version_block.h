@@ -17,8 +17,8 @@
 #define VERSION_BLOCK_FIXED 1U
 
 typedef struct {
-    uint32_t magic;
-    uint16_t layout;
+    uint32_t magic;     /**< VERSION_BLOCK_MAGIC: 4 bytes to know it by */
+    uint16_t layout;    /**< VERSION_BLOCK_LAYOUT: counts changes of this struct */
     uint8_t build_type; /**< VERSION_BLOCK_FLOAT or VERSION_BLOCK_FIXED */
     uint8_t dirty;      /**< 1: built from sources that were not committed */
     char version[12];   /**< zero-terminated, as the two below */
