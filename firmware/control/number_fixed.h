@@ -27,6 +27,16 @@ typedef struct {
     angle_step_t step_rad;
 } angle_scale_t;
 
+/** Of value > 0. */
+static inline uint32_t number_leading_zeros(uint32_t value) {
+    return (uint32_t)__builtin_clz(value); /* GCC's and clang's */
+}
+
+/** |value|, INT32_MIN included */
+static inline uint32_t number_size32(int32_t value) {
+    return value < 0 ? (uint32_t)(-(int64_t)value) : (uint32_t)value;
+}
+
 /** At most INT32_MAX in size. */
 static inline int32_t number_saturated(int64_t value) {
     return (int32_t)(value > INT32_MAX ? INT32_MAX : value < -INT32_MAX ? -INT32_MAX : value);
@@ -37,11 +47,44 @@ static inline uint64_t number_size(int64_t value) {
     return (uint64_t)(value < 0 ? -value : value);
 }
 
+/** +-size, a size beyond INT32_MAX saturated */
+static inline int32_t number_signed(bool negative, uint64_t size) {
+    const int32_t kept = size < (uint64_t)INT32_MAX ? (int32_t)size : INT32_MAX;
+    return negative ? -kept : kept;
+}
+
 /** +-dividend / divisor. dividend <= 2^63, 0 < divisor < 2^63 */
 static inline int32_t number_ratio(bool negative, uint64_t dividend, uint64_t divisor) {
-    const uint64_t ratio = (dividend + divisor / 2U) / divisor;
-    const int64_t size = ratio < (uint64_t)INT32_MAX ? (int64_t)ratio : INT32_MAX;
-    return (int32_t)(negative ? -size : size);
+    return number_signed(negative, (dividend + divisor / 2U) / divisor);
+}
+
+/** factor * numerator / denominator for a fraction of at most 1, rounded half up: exact, by two
+ * divisions of 32 bits (the schoolbook's, digits of 16 bits, divisor normalised), which processors
+ * have where a division of 64 bits is a function of many steps.
+ * factor 0..INT32_MAX, 0 <= numerator <= denominator, 0 < denominator < 2^32 */
+static inline int32_t number_fraction(uint32_t factor, uint32_t numerator, uint32_t denominator) {
+    const uint32_t zeros = number_leading_zeros(denominator);
+    const uint32_t divisor = denominator << zeros;
+    const uint32_t divisor_high = divisor >> 16;
+    const uint64_t dividend =
+        (uint64_t)factor * (numerator << zeros) + ((denominator >> 1) << zeros); /* below 2^63 */
+
+    uint32_t high = (uint32_t)(dividend >> 32) / divisor_high; /* too large by 2 at most */
+    uint64_t part = (uint64_t)high * divisor;
+    const uint64_t upper = dividend >> 16;
+    while (part > upper) {
+        high--;
+        part -= divisor;
+    }
+    const uint32_t rest = (uint32_t)(upper - part); /* below divisor */
+    uint32_t low = rest / divisor_high;
+    part = (uint64_t)low * divisor;
+    const uint64_t lower = ((uint64_t)rest << 16) | (dividend & 0xFFFFU);
+    while (part > lower) {
+        low--;
+        part -= divisor;
+    }
+    return (int32_t)((high << 16) + low); /* at most factor */
 }
 
 /** increments_per_revolution 256..2^24, parts 1..256 */
@@ -58,8 +101,10 @@ static inline angle_scale_t angle_scale(uint32_t increments_per_revolution, uint
 static inline angle_t angle_from_steps(const angle_scale_t *scale, int64_t steps) {
     const int32_t limit = scale->limit_steps;
     const int64_t kept = steps > limit ? limit : steps < -limit ? -limit : steps;
-    const uint64_t size_2p61 = number_size(kept) * scale->step_rad; /* <= 0.5 rad: no overflow */
-    return number_ratio(kept < 0, size_2p61, (uint64_t)1 << 32);
+    const uint32_t size = (uint32_t)number_size(kept);
+    const uint64_t size_2p61 = size * scale->step_rad; /* <= 0.5 rad: no overflow */
+    const int32_t size_2p29 = (int32_t)((size_2p61 + ((uint64_t)1 << 31)) >> 32);
+    return kept < 0 ? -size_2p29 : size_2p29;
 }
 
 /** step * part / whole, with whole > 0. */
@@ -88,15 +133,27 @@ static inline angle_t angle_abs(angle_t angle) {
     return number_saturated(angle < 0 ? -(int64_t)angle : angle);
 }
 
-/** torque_mNm / parts, as a torque. parts > 0 */
+/** torque_mNm / parts, as a torque. parts 1..65 */
 static inline torque_t torque_from_mNm(int32_t torque_mNm, uint32_t parts) {
-    return number_ratio(torque_mNm < 0, number_size(torque_mNm) << 16, (uint64_t)1000U * parts);
+    const uint32_t parts_per_Nm = 1000U * parts; /* below 2^16: so are rests, and their shifts fit */
+    const uint32_t size = number_size32(torque_mNm);
+    const uint32_t whole_Nm = size / parts_per_Nm;
+    const uint32_t rest = size - whole_Nm * parts_per_Nm;
+    const uint32_t fraction = ((rest << 16) + parts_per_Nm / 2U) / parts_per_Nm; /* up to 2^16 */
+    return number_signed(torque_mNm < 0, ((uint64_t)whole_Nm << 16) + fraction);
 }
 
 /** torque * numerator / denominator; exactly torque where both are equal. denominator > 0 */
 static inline torque_t torque_scaled(torque_t torque, angle_t numerator, angle_t denominator) {
-    const int64_t product = (int64_t)torque * numerator;
-    return number_ratio(product < 0, number_size(product), (uint64_t)denominator);
+    const bool negative = (torque < 0) != (numerator < 0);
+    const uint32_t size = number_size32(torque);
+    const uint32_t part = number_size32(numerator);
+    const uint32_t whole = (uint32_t)denominator;
+    if (part > whole || size > (uint32_t)INT32_MAX) {
+        return number_ratio(negative, (uint64_t)size * part, whole);
+    }
+    const int32_t scaled = number_fraction(size, part, whole);
+    return negative ? -scaled : scaled;
 }
 
 /** slope * elapsed. elapsed_us 0..1000000 */
@@ -107,7 +164,12 @@ static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_
 
 /** torque * part / whole, with whole > 0; exactly torque where both are equal. */
 static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whole) {
-    return number_ratio(torque < 0, number_size(torque) * part, whole);
+    const uint32_t size = number_size32(torque);
+    if (part > whole || size > (uint32_t)INT32_MAX) {
+        return number_ratio(torque < 0, (uint64_t)size * part, whole);
+    }
+    const int32_t scaled = number_fraction(size, part, whole);
+    return torque < 0 ? -scaled : scaled;
 }
 
 /** a + b */
@@ -151,13 +213,16 @@ static inline bool torque_is_number(torque_t torque) {
     return true;
 }
 
+/** Whole mN m of a torque that is not negative: rounded half up, saturated to 32767. */
+static inline int16_t torque_size_to_mNm(torque_t size) {
+    const uint32_t size_mNm = (uint32_t)(((uint64_t)(uint32_t)size * 1000U + (1U << 15)) >> 16);
+    return (int16_t)(size_mNm < (uint32_t)INT16_MAX ? size_mNm : (uint32_t)INT16_MAX);
+}
+
 /** Whole mN m, rounded half away from zero, saturated to +-32767. */
 static inline int16_t torque_to_mNm(torque_t torque) {
-    const int32_t torque_mNm =
-        number_ratio(torque < 0, number_size(torque) * 1000U, (uint64_t)1 << 16);
-    return (int16_t)(torque_mNm > INT16_MAX    ? INT16_MAX
-                     : torque_mNm < -INT16_MAX ? -INT16_MAX
-                                               : torque_mNm);
+    const int16_t size_mNm = torque_size_to_mNm(torque_abs(torque));
+    return (int16_t)(torque < 0 ? -size_mNm : size_mNm);
 }
 
 #endif

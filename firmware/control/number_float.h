@@ -123,22 +123,24 @@ static inline bool torque_is_number(torque_t torque) {
     return torque == torque;
 }
 
-/** Whole mN m, rounded half away from zero, saturated to +-32767; NaN is 0. */
-static inline int16_t torque_to_mNm(torque_t torque) {
-    const float scaled = torque * 1000.0f;
-    if (!torque_is_number(scaled)) {
-        return 0;
-    }
+/** Whole mN m of a torque that is not negative: rounded half up, saturated to 32767. */
+static inline int16_t torque_size_to_mNm(torque_t size) {
+    const float scaled = size * 1000.0f;
     if (scaled >= 32767.0f) {
         return INT16_MAX;
     }
-    if (scaled <= -32767.0f) {
-        return -INT16_MAX;
-    }
     const int32_t whole = (int32_t)scaled;
     const float rest = scaled - (float)whole; /* exact: adding 0.5 first would round twice */
-    const int32_t carry = rest >= 0.5f ? 1 : rest <= -0.5f ? -1 : 0;
-    return (int16_t)(whole + carry);
+    return (int16_t)(rest >= 0.5f ? whole + 1 : whole);
+}
+
+/** Whole mN m, rounded half away from zero, saturated to +-32767; NaN is 0. */
+static inline int16_t torque_to_mNm(torque_t torque) {
+    if (!torque_is_number(torque)) {
+        return 0;
+    }
+    const int16_t size_mNm = torque_size_to_mNm(torque_abs(torque));
+    return (int16_t)(torque < 0.0f ? -size_mNm : size_mNm);
 }
 
 #endif

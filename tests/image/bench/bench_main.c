@@ -156,6 +156,7 @@ __attribute__((noinline)) static int16_t joint_tick(const joint_controller_confi
     joint_controller_step(config, step->position_inc, step->elapsed_us, controller, &asked);
     const torque_guard_input_t input = {
         .torque_Nm = asked.torque_Nm,
+        .torque_before_Nm = 0,
         .elapsed_us = step->elapsed_us,
         .slope_mNm_s = TORQUE_GUARD_SLOPE_OFF, /* as in mode -1 */
         .torque_limit_Nm = config->torque_limit_Nm,
