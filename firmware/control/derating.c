@@ -16,7 +16,7 @@ static void apply(int32_t value, int32_t begin, int32_t end, uint16_t reason,
     }
     const int32_t share = (end - value) * DERATING_FULL / (end - begin);
     if (share < output->share) {
-        output->share = share;
+        output->share = (int16_t)share; /* below DERATING_FULL */
     }
 }
 

@@ -33,7 +33,7 @@ typedef struct {
 } derating_input_t;
 
 typedef struct {
-    int32_t share;    /**< 0..DERATING_FULL */
+    int16_t share;    /**< 0..DERATING_FULL */
     uint16_t reasons; /**< of every share below the full */
 } derating_output_t;
 

@@ -1,8 +1,14 @@
 #include "control/fic.h"
 
 void fic_reset(int32_t position_inc, fic_t *fic) {
-    const fic_t at_rest = {.extreme_inc = position_inc};
-    *fic = at_rest;
+    fic->extreme_inc = position_inc;
+    fic->age_us = 0;
+    fic->a_max_rad = 0;
+    fic->extreme_rad = 0;
+    fic->f_max_Nm = 0;
+    fic->direction = 0;
+    fic->sign = 0;
+    fic->converging = false;
 }
 
 static bool moved_back(const fic_config_t *config, int32_t from_inc, int32_t to_inc) {
@@ -82,9 +88,9 @@ static void phase_by_error_growth(const fic_config_t *config, angle_t a, torque_
 
 torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
                   const fic_input_t *input, fic_t *fic) {
+    const int8_t sign = input->error_rad < 0 ? -1 : 1;
     const angle_t a = angle_abs(input->error_rad);
     const torque_t f = torque_profile(profile, a);
-    const int8_t sign = input->error_rad < 0 ? -1 : 1;
     const bool crossed = sign != fic->sign;
     fic->sign = sign;
     if (config->phase_rule == FIC_ERROR_GROWTH) {

@@ -118,6 +118,11 @@ static inline torque_t torque_clamp(torque_t torque, torque_t bound) {
     return torque > bound ? bound : torque < -bound ? -bound : torque;
 }
 
+/** False when one of the two is NaN: the only case in which neither is less or equal. */
+static inline bool torques_are_numbers(torque_t a, torque_t b) {
+    return a <= b || b <= a;
+}
+
 /** False for NaN. */
 static inline bool torque_is_number(torque_t torque) {
     return torque == torque;
@@ -129,9 +134,8 @@ static inline int16_t torque_size_to_mNm(torque_t size) {
     if (scaled >= 32767.0f) {
         return INT16_MAX;
     }
-    const int32_t whole = (int32_t)scaled;
-    const float rest = scaled - (float)whole; /* exact: adding 0.5 first would round twice */
-    return (int16_t)(rest >= 0.5f ? whole + 1 : whole);
+    const int32_t halves = (int32_t)(scaled * 2.0f); /* exact: adding 0.5 would round twice */
+    return (int16_t)((halves + 1) / 2);
 }
 
 /** Whole mN m, rounded half away from zero, saturated to +-32767; NaN is 0. */

@@ -22,8 +22,8 @@ static torque_t slow(const torque_guard_input_t *input, uint16_t *reasons) {
 
 torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
     torque_guard_output_t output = {0};
-    if (!torque_is_number(input->torque_Nm) || !torque_is_number(input->torque_limit_Nm) ||
-        !torque_is_number(input->torque_max_Nm) || !torque_is_number(input->f_max_Nm) ||
+    if (!torques_are_numbers(input->torque_Nm, input->torque_limit_Nm) ||
+        !torques_are_numbers(input->torque_max_Nm, input->f_max_Nm) ||
         !torque_is_number(input->torque_before_Nm)) {
         output.reasons = LIMIT_REASON_NOT_A_NUMBER;
         return output;
@@ -33,7 +33,12 @@ torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
         torque = slow(input, &output.reasons);
     }
     const bool negative = torque < 0;
-    const bool accelerates = negative ? input->moving < 0 : torque > 0 && input->moving > 0;
+    bool accelerates = torque > 0 && input->moving > 0;
+    bool beyond = input->position_inc >= input->position_max_inc;
+    if (negative) {
+        accelerates = input->moving < 0;
+        beyond = input->position_inc <= input->position_min_inc;
+    }
     const derating_output_t derated = derating(&input->motor, accelerates);
     output.reasons |= derated.reasons;
     torque_t limit = input->torque_limit_Nm;
@@ -48,8 +53,6 @@ torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
         size = cut(size, torque_part(limit, input->ramp_ppm, TORQUE_GUARD_RAMP_FULL),
                    LIMIT_REASON_BOUND_RAMP, &output.reasons);
     }
-    const bool beyond = negative ? input->position_inc <= input->position_min_inc
-                                 : input->position_inc >= input->position_max_inc;
     if (beyond && size > 0) {
         size = 0;
         output.reasons |= LIMIT_REASON_POSITION_LIMIT;
