@@ -11,8 +11,10 @@ void fic_reset(int32_t position_inc, fic_t *fic) {
     fic->converging = false;
 }
 
-static bool moved_back(const fic_config_t *config, int32_t from_inc, int32_t to_inc) {
-    return ((int64_t)from_inc - to_inc) * 256 > (int64_t)config->delta_inc256;
+/** low_inc <= high_inc */
+static bool moved_back(const fic_config_t *config, int32_t low_inc, int32_t high_inc) {
+    const uint32_t way_inc = (uint32_t)((int64_t)high_inc - low_inc);
+    return way_inc > (uint32_t)config->delta_inc256 / 256U; /* both whole: so is 256 way > delta */
 }
 
 static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t *input,
@@ -24,7 +26,7 @@ static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t 
                 fic->age_us = 0;
             }
             fic->extreme_inc = q;
-        } else if (moved_back(config, fic->extreme_inc, q)) {
+        } else if (moved_back(config, q, fic->extreme_inc)) {
             fic->direction = -1;
             fic->extreme_inc = q;
             fic->age_us = 0;
@@ -35,7 +37,7 @@ static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t 
                 fic->age_us = 0;
             }
             fic->extreme_inc = q;
-        } else if (moved_back(config, q, fic->extreme_inc)) {
+        } else if (moved_back(config, fic->extreme_inc, q)) {
             fic->direction = 1;
             fic->extreme_inc = q;
             fic->age_us = 0;
@@ -103,8 +105,8 @@ torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
     if (fic->converging) {
         const torque_t spring =
             fic->a_max_rad > 0
-                ? torque_scaled(fic->f_max_Nm, angle_difference(angle_sum(a, a), fic->a_max_rad),
-                                fic->a_max_rad)
+                ? torque_fraction(fic->f_max_Nm, angle_distance(angle_sum(a, a), fic->a_max_rad),
+                                  fic->a_max_rad)
                 : 0;
         torque = torque_min(spring, f);
     }

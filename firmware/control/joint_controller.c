@@ -26,13 +26,13 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     const joint_command_t *before = &controller->before;
     const joint_command_t *now = &controller->now;
     const int32_t parts = config->ticks_per_sync;
-    const int32_t part = parts == 1 ? 1 : (int32_t)controller->tick;
+    const int32_t left = parts == 1 ? 0 : parts - (int32_t)controller->tick;
+    const int32_t part = parts - left;
     if (controller->tick < config->ticks_per_sync) {
         controller->tick++;
     }
 
     /* parts times what lies between the two commands; the profile takes the lesser torque. */
-    const int32_t left = parts - part;
     const int64_t error_steps = (int64_t)now->position_inc * part +
                                 (int64_t)before->position_inc * left -
                                 (int64_t)position_inc * parts;
@@ -58,8 +58,15 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     const torque_t asked = fic_step(&config->fic, &profile, &input, &controller->fic);
 
     const torque_t limit = config->torque_limit_Nm;
-    output->torque_Nm = torque_clamp(asked, limit);
-    output->limited = torque_abs(asked) > limit;
+    output->torque_Nm = asked;
+    output->limited = true;
+    if (asked > limit) {
+        output->torque_Nm = limit;
+    } else if (asked < torque_negated(limit)) {
+        output->torque_Nm = torque_negated(limit);
+    } else {
+        output->limited = false;
+    }
     output->torque_max_Nm = t_max;
     output->f_max_Nm = controller->fic.f_max_Nm;
     output->error_rad = input.error_rad;

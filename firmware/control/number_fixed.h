@@ -37,6 +37,16 @@ static inline uint32_t number_size32(int32_t value) {
     return value < 0 ? (uint32_t)(-(int64_t)value) : (uint32_t)value;
 }
 
+/** At most INT32_MAX */
+static inline int32_t number_kept(uint32_t size) {
+    return size < (uint32_t)INT32_MAX ? (int32_t)size : INT32_MAX;
+}
+
+/** |value|, of INT32_MIN INT32_MAX */
+static inline int32_t number_abs(int32_t value) {
+    return number_kept(number_size32(value));
+}
+
 /** At most INT32_MAX in size. */
 static inline int32_t number_saturated(int64_t value) {
     return (int32_t)(value > INT32_MAX ? INT32_MAX : value < -INT32_MAX ? -INT32_MAX : value);
@@ -58,16 +68,17 @@ static inline int32_t number_ratio(bool negative, uint64_t dividend, uint64_t di
     return number_signed(negative, (dividend + divisor / 2U) / divisor);
 }
 
-/** factor * numerator / denominator for a fraction of at most 1, rounded half up: exact, by two
+/** factor * numerator / denominator, rounded half up; a fraction above 1 is 1. Exact, by two
  * divisions of 32 bits (the schoolbook's, digits of 16 bits, divisor normalised), which processors
  * have where a division of 64 bits is a function of many steps.
- * factor 0..INT32_MAX, 0 <= numerator <= denominator, 0 < denominator < 2^32 */
+ * factor 0..INT32_MAX, denominator > 0 */
 static inline int32_t number_fraction(uint32_t factor, uint32_t numerator, uint32_t denominator) {
     const uint32_t zeros = number_leading_zeros(denominator);
     const uint32_t divisor = denominator << zeros;
     const uint32_t divisor_high = divisor >> 16;
+    const uint32_t part_of_it = (numerator < denominator ? numerator : denominator) << zeros;
     const uint64_t dividend =
-        (uint64_t)factor * (numerator << zeros) + ((denominator >> 1) << zeros); /* below 2^63 */
+        (uint64_t)factor * part_of_it + ((denominator >> 1) << zeros); /* below 2^63 */
 
     uint32_t high = (uint32_t)(dividend >> 32) / divisor_high; /* too large by 2 at most */
     uint64_t part = (uint64_t)high * divisor;
@@ -100,9 +111,8 @@ static inline angle_scale_t angle_scale(uint32_t increments_per_revolution, uint
 /** Steps of 1/parts increment as an angle, saturated to +-0.5 rad. */
 static inline angle_t angle_from_steps(const angle_scale_t *scale, int64_t steps) {
     const int32_t limit = scale->limit_steps;
-    const int64_t kept = steps > limit ? limit : steps < -limit ? -limit : steps;
-    const uint32_t size = (uint32_t)number_size(kept);
-    const uint64_t size_2p61 = size * scale->step_rad; /* <= 0.5 rad: no overflow */
+    const int32_t kept = (int32_t)(steps > limit ? limit : steps < -limit ? -limit : steps);
+    const uint64_t size_2p61 = number_size32(kept) * scale->step_rad; /* <= 0.5 rad: no overflow */
     const int32_t size_2p29 = (int32_t)((size_2p61 + ((uint64_t)1 << 31)) >> 32);
     return kept < 0 ? -size_2p29 : size_2p29;
 }
@@ -128,9 +138,14 @@ static inline angle_t angle_difference(angle_t a, angle_t b) {
     return number_saturated((int64_t)a - b);
 }
 
+/** a - b, both 0 or more. */
+static inline angle_t angle_distance(angle_t a, angle_t b) {
+    return a - b;
+}
+
 /** |angle| */
 static inline angle_t angle_abs(angle_t angle) {
-    return number_saturated(angle < 0 ? -(int64_t)angle : angle);
+    return number_abs(angle);
 }
 
 /** torque_mNm / parts, as a torque. parts 1..65 */
@@ -141,20 +156,27 @@ static inline torque_t torque_from_mNm(int32_t torque_mNm, uint32_t parts) {
     const uint32_t whole_Nm = size / parts_per_Nm;
     const uint32_t rest = size - whole_Nm * parts_per_Nm;
     const uint32_t fraction = ((rest << 16) + parts_per_Nm / 2U) / parts_per_Nm; /* up to 2^16 */
-    return number_signed(torque_mNm < 0, ((uint64_t)whole_Nm << 16) + fraction);
+    if (whole_Nm >= (1U << 15)) {
+        return torque_mNm < 0 ? -INT32_MAX : INT32_MAX;
+    }
+    const int32_t torque = number_kept((whole_Nm << 16) + fraction);
+    return torque_mNm < 0 ? -torque : torque;
 }
 
-/** torque * numerator / denominator; exactly torque where both are equal. denominator > 0 */
-static inline torque_t torque_scaled(torque_t torque, angle_t numerator, angle_t denominator) {
-    const bool negative = (torque < 0) != (numerator < 0);
-    const uint32_t size = number_size32(torque);
-    const uint32_t part = number_size32(numerator);
-    const uint32_t whole = (uint32_t)denominator;
-    if (part > whole || size > (uint32_t)INT32_MAX) {
-        return number_ratio(negative, (uint64_t)size * part, whole);
-    }
-    const int32_t scaled = number_fraction(size, part, whole);
-    return negative ? -scaled : scaled;
+/** torque * numerator / denominator; exactly torque where both are equal. torque >= 0,
+ * denominator > 0; the fraction is kept within +-1 */
+static inline torque_t torque_fraction(torque_t torque, angle_t numerator, angle_t denominator) {
+    const int32_t size =
+        number_fraction((uint32_t)torque, number_size32(numerator), (uint32_t)denominator);
+    return numerator < 0 ? -size : size;
+}
+
+/** low + (high - low) * numerator / denominator. 0 <= low <= high, 0 <= numerator <= denominator,
+ * denominator > 0 */
+static inline torque_t torque_between(torque_t low, torque_t high, angle_t numerator,
+                                      angle_t denominator) {
+    return low +
+           number_fraction((uint32_t)(high - low), (uint32_t)numerator, (uint32_t)denominator);
 }
 
 /** slope * elapsed. elapsed_us 0..1000000 */
@@ -163,14 +185,10 @@ static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_
     return number_ratio(false, torque_nNm << 7, 1953125U);          /* 2^16 / 10^9 */
 }
 
-/** torque * part / whole, with whole > 0; exactly torque where both are equal. */
+/** torque * part / whole; exactly torque where both are equal. torque >= 0, whole > 0, part up to
+ * whole */
 static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whole) {
-    const uint32_t size = number_size32(torque);
-    if (part > whole || size > (uint32_t)INT32_MAX) {
-        return number_ratio(torque < 0, (uint64_t)size * part, whole);
-    }
-    const int32_t scaled = number_fraction(size, part, whole);
-    return torque < 0 ? -scaled : scaled;
+    return number_fraction((uint32_t)torque, part, whole);
 }
 
 /** a + b */
@@ -190,7 +208,7 @@ static inline torque_t torque_negated(torque_t torque) {
 
 /** |torque| */
 static inline torque_t torque_abs(torque_t torque) {
-    return torque < 0 ? torque_negated(torque) : torque;
+    return number_abs(torque);
 }
 
 /** The lesser one. */

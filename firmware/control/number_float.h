@@ -57,6 +57,11 @@ static inline angle_t angle_difference(angle_t a, angle_t b) {
     return a - b;
 }
 
+/** a - b, both 0 or more. */
+static inline angle_t angle_distance(angle_t a, angle_t b) {
+    return a - b;
+}
+
 /** |angle| */
 static inline angle_t angle_abs(angle_t angle) {
     return angle < 0.0f ? -angle : angle;
@@ -68,9 +73,17 @@ static inline torque_t torque_from_mNm(int32_t torque_mNm, uint32_t parts) {
     return (float)torque_mNm / (float)parts_per_Nm;
 }
 
-/** torque * numerator / denominator; exactly torque where both are equal. denominator > 0 */
-static inline torque_t torque_scaled(torque_t torque, angle_t numerator, angle_t denominator) {
+/** torque * numerator / denominator; exactly torque where both are equal. torque >= 0,
+ * denominator > 0, |numerator| up to denominator */
+static inline torque_t torque_fraction(torque_t torque, angle_t numerator, angle_t denominator) {
     return torque * (numerator / denominator);
+}
+
+/** low + (high - low) * numerator / denominator. 0 <= low <= high, 0 <= numerator <= denominator,
+ * denominator > 0 */
+static inline torque_t torque_between(torque_t low, torque_t high, angle_t numerator,
+                                      angle_t denominator) {
+    return low + (high - low) * (numerator / denominator);
 }
 
 /** slope * elapsed. elapsed_us 0..1000000 */
@@ -78,7 +91,8 @@ static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_
     return (float)slope_mNm_s * (float)elapsed_us * 1e-9f;
 }
 
-/** torque * part / whole, with whole > 0; exactly torque where both are equal. */
+/** torque * part / whole; exactly torque where both are equal. torque >= 0, whole > 0, part up to
+ * whole */
 static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whole) {
     return torque * ((float)part / (float)whole);
 }
