@@ -26,7 +26,8 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     const joint_command_t *before = &controller->before;
     const joint_command_t *now = &controller->now;
     const int32_t parts = config->ticks_per_sync;
-    const int32_t left = parts == 1 ? 0 : parts - (int32_t)controller->tick;
+    const int32_t interpolates = parts != 1 ? 1 : 0;
+    const int32_t left = (parts - (int32_t)controller->tick) * interpolates;
     const int32_t part = parts - left;
     if (controller->tick < config->ticks_per_sync) {
         controller->tick++;

@@ -39,10 +39,10 @@ torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
         accelerates = input->moving < 0;
         beyond = input->position_inc <= input->position_min_inc;
     }
-    const derating_output_t derated = derating(&input->motor, accelerates);
-    output.reasons |= derated.reasons;
     torque_t limit = input->torque_limit_Nm;
-    if (derated.share < DERATING_FULL) {
+    if (derating_applies(&input->motor, accelerates)) {
+        const derating_output_t derated = derating(&input->motor, accelerates);
+        output.reasons |= derated.reasons;
         limit = torque_part(limit, (uint32_t)derated.share, DERATING_FULL);
     }
     torque_t size = torque_abs(torque); /* the bounds are symmetric */

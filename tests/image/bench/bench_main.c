@@ -135,19 +135,24 @@ static joint_controller_config_t config_of(const lane_t *lane) {
     return config;
 }
 
-/** What is measured: from command and position to the set value in mN m, as node_drive.c goes. */
-__attribute__((noinline)) static int16_t joint_tick(const joint_controller_config_t *config,
-                                                    const lane_t *lane, const step_t *step,
-                                                    const derating_input_t *motor, int8_t moving,
-                                                    joint_controller_t *controller) {
+static joint_command_t command_of(const step_t *step) {
     const joint_command_t command = {.position_inc = step->target_inc,
                                      .torque_mNm = (int16_t)step->torque_mNm,
                                      .torque_max_mNm = (uint16_t)step->torque_max_mNm};
+    return command;
+}
+
+/** What is measured: from command and position to the set value in mN m, as node_drive.c goes. */
+__attribute__((noinline)) static int16_t joint_tick(const joint_controller_config_t *config,
+                                                    const lane_t *lane, const step_t *step,
+                                                    const joint_command_t *command,
+                                                    const derating_input_t *motor, int8_t moving,
+                                                    joint_controller_t *controller) {
     if ((step->events & EVENT_COMMAND) != 0U) {
-        joint_controller_command(&command, controller);
+        joint_controller_command(command, controller);
     }
     if ((step->events & EVENT_RESET) != 0U) {
-        joint_controller_reset(step->position_inc, &command, controller);
+        joint_controller_reset(step->position_inc, command, controller);
     }
     if ((step->events & EVENT_HOLD) != 0U) {
         joint_controller_hold(step->position_inc, controller);
@@ -181,14 +186,15 @@ static void measure_tick(const joint_controller_config_t *config, const lane_t *
                                              .load_ppm = 1300000,
                                              .speed_ppm = 950000,
                                              .speed_begin_ppm = 900000};
+    const joint_command_t command = command_of(step);
     joint_controller_t twin = *controller;
     uint32_t begin = now();
-    int16_t torque_mNm = joint_tick(config, lane, step, &cool, 0, controller);
+    int16_t torque_mNm = joint_tick(config, lane, step, &command, &cool, 0, controller);
     uint32_t end = now();
     record(MEASURED_TICK, end - begin, torque_mNm);
     const int8_t moving = (int8_t)(torque_mNm < 0 ? -1 : 1); /* so that speed counts too */
     begin = now();
-    torque_mNm = joint_tick(config, lane, step, &derated, moving, &twin);
+    torque_mNm = joint_tick(config, lane, step, &command, &derated, moving, &twin);
     end = now();
     record(MEASURED_TICK_DERATED, end - begin, torque_mNm);
 }
@@ -205,9 +211,7 @@ static void measure_lane(int32_t vectors, uint32_t count) {
             REQUIRE(semihosting_read(vectors, steps, sizeof steps) == 0);
         }
         if (i == 0U) {
-            const joint_command_t command = {.position_inc = step->target_inc,
-                                             .torque_mNm = (int16_t)step->torque_mNm,
-                                             .torque_max_mNm = (uint16_t)step->torque_max_mNm};
+            const joint_command_t command = command_of(step);
             joint_controller_reset(step->position_inc, &command, &controller);
         }
         measure_tick(&config, &lane, step, &controller);
