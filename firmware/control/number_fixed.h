@@ -52,20 +52,10 @@ static inline int32_t number_saturated(int64_t value) {
     return (int32_t)(value > INT32_MAX ? INT32_MAX : value < -INT32_MAX ? -INT32_MAX : value);
 }
 
-/** |value|; value > INT64_MIN */
-static inline uint64_t number_size(int64_t value) {
-    return (uint64_t)(value < 0 ? -value : value);
-}
-
-/** +-size, a size beyond INT32_MAX saturated */
-static inline int32_t number_signed(bool negative, uint64_t size) {
-    const int32_t kept = size < (uint64_t)INT32_MAX ? (int32_t)size : INT32_MAX;
-    return negative ? -kept : kept;
-}
-
-/** +-dividend / divisor. dividend <= 2^63, 0 < divisor < 2^63 */
-static inline int32_t number_ratio(bool negative, uint64_t dividend, uint64_t divisor) {
-    return number_signed(negative, (dividend + divisor / 2U) / divisor);
+/** dividend / divisor, rounded half up. dividend <= 2^63, 0 < divisor < 2^63 */
+static inline int32_t number_ratio(uint64_t dividend, uint64_t divisor) {
+    const uint64_t ratio = (dividend + divisor / 2U) / divisor;
+    return ratio < (uint64_t)INT32_MAX ? (int32_t)ratio : INT32_MAX;
 }
 
 /** factor * numerator / denominator, rounded half up; a fraction above 1 is 1. Exact, by two
@@ -120,12 +110,12 @@ static inline angle_t angle_from_steps(const angle_scale_t *scale, int64_t steps
 /** step * part / whole, with whole > 0. */
 static inline angle_t angle_part(angle_step_t step_rad, uint16_t part, uint16_t whole) {
     const uint64_t step_2p45 = step_rad >> 16; /* room for the product */
-    return number_ratio(false, step_2p45 * part, (uint64_t)whole << 16);
+    return number_ratio(step_2p45 * part, (uint64_t)whole << 16);
 }
 
 /** 0..3999999 urad exactly rounded, more saturates. */
 static inline angle_t angle_from_urad(uint32_t angle_urad) {
-    return number_ratio(false, (uint64_t)angle_urad << 29, 1000000U);
+    return number_ratio((uint64_t)angle_urad << 29, 1000000U);
 }
 
 /** a + b */
@@ -182,7 +172,7 @@ static inline torque_t torque_between(torque_t low, torque_t high, angle_t numer
 /** slope * elapsed. elapsed_us 0..1000000 */
 static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_us) {
     const uint64_t torque_nNm = (uint64_t)slope_mNm_s * elapsed_us; /* below 2^52 */
-    return number_ratio(false, torque_nNm << 7, 1953125U);          /* 2^16 / 10^9 */
+    return number_ratio(torque_nNm << 7, 1953125U);                 /* 2^16 / 10^9 */
 }
 
 /** torque * part / whole; exactly torque where both are equal. torque >= 0, whole > 0, part up to
@@ -221,11 +211,6 @@ static inline torque_t torque_max(torque_t a, torque_t b) {
     return a > b ? a : b;
 }
 
-/** bound >= 0 */
-static inline torque_t torque_clamp(torque_t torque, torque_t bound) {
-    return torque > bound ? bound : torque < -bound ? -bound : torque;
-}
-
 /** Here always: there is no other value. */
 static inline bool torques_are_numbers(torque_t a, torque_t b) {
     (void)a;
@@ -243,12 +228,6 @@ static inline bool torque_is_number(torque_t torque) {
 static inline int16_t torque_size_to_mNm(torque_t size) {
     const uint32_t size_mNm = (uint32_t)(((uint64_t)(uint32_t)size * 1000U + (1U << 15)) >> 16);
     return (int16_t)(size_mNm < (uint32_t)INT16_MAX ? size_mNm : (uint32_t)INT16_MAX);
-}
-
-/** Whole mN m, rounded half away from zero, saturated to +-32767. */
-static inline int16_t torque_to_mNm(torque_t torque) {
-    const int16_t size_mNm = torque_size_to_mNm(torque_abs(torque));
-    return (int16_t)(torque < 0 ? -size_mNm : size_mNm);
 }
 
 #endif

@@ -3,8 +3,7 @@
  * number.h only.
  *
  * Angles and torques are floats in rad and N m, rounded to nearest: an angle is good to 4e-7 of
- * itself. A division by zero or not-a-number input gives NaN, which torque_is_number finds and
- * torque_to_mNm turns to 0.
+ * itself. A division by zero or not-a-number input gives NaN, which torque_is_number finds.
  */
 #ifndef NUMBER_FLOAT_H
 #define NUMBER_FLOAT_H
@@ -127,11 +126,6 @@ static inline torque_t torque_max(torque_t a, torque_t b) {
     return a > b ? a : b;
 }
 
-/** bound >= 0 */
-static inline torque_t torque_clamp(torque_t torque, torque_t bound) {
-    return torque > bound ? bound : torque < -bound ? -bound : torque;
-}
-
 /** False when one of the two is NaN: the only case in which neither is less or equal. */
 static inline bool torques_are_numbers(torque_t a, torque_t b) {
     return a <= b || b <= a;
@@ -150,15 +144,6 @@ static inline int16_t torque_size_to_mNm(torque_t size) {
     }
     const int32_t halves = (int32_t)(scaled * 2.0f); /* exact: adding 0.5 would round twice */
     return (int16_t)((halves + 1) / 2);
-}
-
-/** Whole mN m, rounded half away from zero, saturated to +-32767; NaN is 0. */
-static inline int16_t torque_to_mNm(torque_t torque) {
-    if (!torque_is_number(torque)) {
-        return 0;
-    }
-    const int16_t size_mNm = torque_size_to_mNm(torque_abs(torque));
-    return (int16_t)(torque < 0.0f ? -size_mNm : size_mNm);
 }
 
 #endif
