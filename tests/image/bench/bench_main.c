@@ -42,7 +42,8 @@ typedef enum {
     MEASURED_SYNC_TURN,    /* RPDO1 and SYNC in, TPDO1 out */
     MEASURED_IDLE_STEP,    /* no frames in */
     MEASURED_SDO_UPLOAD,   /* expedited, of 4 bytes */
-    MEASURED_SDO_DOWNLOAD  /* expedited, of 4 bytes */
+    MEASURED_SDO_DOWNLOAD, /* expedited, of 4 bytes */
+    MEASURED_KNOWN         /* 1000 instructions, so that the measure is measured */
 } measurement_t;
 
 /* The layout of tests/vectors/joint_vectors.py. */
@@ -110,6 +111,15 @@ static void measure_overhead(void) {
         const uint32_t begin = now();
         const uint32_t end = now();
         record(MEASURED_OVERHEAD, end - begin, 0);
+    }
+}
+
+static void measure_known(void) {
+    for (int i = 0; i < OVERHEAD_ROUNDS; i++) {
+        const uint32_t begin = now();
+        __asm__ volatile(".rept 1000\n\tnop\n\t.endr");
+        const uint32_t end = now();
+        record(MEASURED_KNOWN, end - begin, 0);
     }
 }
 
@@ -285,6 +295,7 @@ int main(void) {
     register_write(TIM_ARR(TIM2_BASE), UINT32_MAX);
     register_write(TIM_CR1(TIM2_BASE), TIM_CR1_CEN);
     measure_overhead();
+    measure_known();
     measure_ticks();
     measure_node();
     write_records();
