@@ -13,8 +13,9 @@ void fic_reset(int32_t position_inc, fic_t *fic) {
 
 /** low_inc <= high_inc */
 static bool moved_back(const fic_config_t *config, int32_t low_inc, int32_t high_inc) {
-    const uint32_t way_inc = (uint32_t)((int64_t)high_inc - low_inc);
-    return way_inc > (uint32_t)config->delta_inc256 / 256U; /* both whole: so is 256 way > delta */
+    const int64_t way_inc = (int64_t)high_inc - low_inc;
+    return (uint32_t)way_inc >
+           (uint32_t)config->delta_inc256 / 256U; /* both whole: so is 256 way > delta */
 }
 
 static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t *input,

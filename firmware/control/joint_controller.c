@@ -26,7 +26,10 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     const joint_command_t *before = &controller->before;
     const joint_command_t *now = &controller->now;
     const int32_t parts = config->ticks_per_sync;
-    const int32_t interpolates = parts != 1 ? 1 : 0;
+    int32_t interpolates = 1; /* a factor: a condition would cost the products more */
+    if (parts == 1) {
+        interpolates = 0;
+    }
     const int32_t left = (parts - (int32_t)controller->tick) * interpolates;
     const int32_t part = parts - left;
     if (controller->tick < config->ticks_per_sync) {
@@ -38,7 +41,8 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
                                 (int64_t)before->position_inc * left -
                                 (int64_t)position_inc * parts;
     const int32_t t_d_mNm_parts = now->torque_mNm * part + before->torque_mNm * left;
-    const int32_t t_max_mNm_parts = now->torque_max_mNm * part + before->torque_max_mNm * left;
+    const int32_t t_max_mNm_parts =
+        (int32_t)now->torque_max_mNm * part + (int32_t)before->torque_max_mNm * left;
     const int32_t t_d_size_mNm_parts = t_d_mNm_parts < 0 ? -t_d_mNm_parts : t_d_mNm_parts;
     const int32_t t1_mNm_parts =
         t_d_size_mNm_parts < t_max_mNm_parts ? t_d_size_mNm_parts : t_max_mNm_parts;

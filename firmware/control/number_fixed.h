@@ -67,8 +67,8 @@ static inline int32_t number_fraction(uint32_t factor, uint32_t numerator, uint3
     const uint32_t divisor = denominator << zeros;
     const uint32_t divisor_high = divisor >> 16;
     const uint32_t part_of_it = (numerator < denominator ? numerator : denominator) << zeros;
-    const uint64_t dividend =
-        (uint64_t)factor * part_of_it + ((denominator >> 1) << zeros); /* below 2^63 */
+    const uint32_t half = (denominator >> 1) << zeros;
+    const uint64_t dividend = (uint64_t)factor * part_of_it + half; /* below 2^63 */
 
     uint32_t high = (uint32_t)(dividend >> 32) / divisor_high; /* too large by 2 at most */
     uint64_t part = (uint64_t)high * divisor;
@@ -85,7 +85,8 @@ static inline int32_t number_fraction(uint32_t factor, uint32_t numerator, uint3
         low--;
         part -= divisor;
     }
-    return (int32_t)((high << 16) + low); /* at most factor */
+    const uint32_t quotient = (high << 16) + low; /* at most factor */
+    return (int32_t)quotient;
 }
 
 /** increments_per_revolution 256..2^24, parts 1..256 */
@@ -146,7 +147,7 @@ static inline torque_t torque_from_mNm(int32_t torque_mNm, uint32_t parts) {
     const uint32_t whole_Nm = size / parts_per_Nm;
     const uint32_t rest = size - whole_Nm * parts_per_Nm;
     const uint32_t fraction = ((rest << 16) + parts_per_Nm / 2U) / parts_per_Nm; /* up to 2^16 */
-    if (whole_Nm >= (1U << 15)) {
+    if (whole_Nm >= 32768U) {
         return torque_mNm < 0 ? -INT32_MAX : INT32_MAX;
     }
     const int32_t torque = number_kept((whole_Nm << 16) + fraction);
@@ -165,8 +166,8 @@ static inline torque_t torque_fraction(torque_t torque, angle_t numerator, angle
  * denominator > 0 */
 static inline torque_t torque_between(torque_t low, torque_t high, angle_t numerator,
                                       angle_t denominator) {
-    return low +
-           number_fraction((uint32_t)(high - low), (uint32_t)numerator, (uint32_t)denominator);
+    const int32_t rise = high - low;
+    return low + number_fraction((uint32_t)rise, (uint32_t)numerator, (uint32_t)denominator);
 }
 
 /** slope * elapsed. elapsed_us 0..1000000 */
