@@ -106,8 +106,7 @@ torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
     if (fic->converging) {
         const torque_t spring =
             fic->a_max_rad > 0
-                ? torque_fraction(fic->f_max_Nm, angle_distance(angle_sum(a, a), fic->a_max_rad),
-                                  fic->a_max_rad)
+                ? torque_fraction(fic->f_max_Nm, angle_past_half(a, fic->a_max_rad), fic->a_max_rad)
                 : 0;
         torque = torque_min(spring, f);
     }

@@ -134,6 +134,11 @@ static inline angle_t angle_distance(angle_t a, angle_t b) {
     return a - b;
 }
 
+/** 2 a - b, a 0 to 2 rad, b 0 or more. */
+static inline angle_t angle_past_half(angle_t a, angle_t b) {
+    return a - b + a;
+}
+
 /** |angle| */
 static inline angle_t angle_abs(angle_t angle) {
     return number_abs(angle);
