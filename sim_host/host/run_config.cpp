@@ -53,7 +53,8 @@ const std::vector<Choice<Sensors>> kSensors{{"direct", Sensors::direct},
                                             {"injected", Sensors::injected}};
 const std::vector<Choice<TargetPath>> kPaths{{"clock", TargetPath::clock},
                                              {"figure_of_eight", TargetPath::figure_of_eight}};
-const std::vector<Choice<bool>> kSurfaces{{"none", false}, {"plane", true}};
+const std::vector<Choice<WallConfig::Surface>> kSurfaces{{"none", WallConfig::Surface::none},
+                                                         {"plane", WallConfig::Surface::plane}};
 const std::vector<Choice<std::int64_t>> kJointRates{{"1000", 1000}, {"5000", 5000}};
 
 /// The one table: every key with its range and meaning. `V` reads, prints or lists.
@@ -82,7 +83,7 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.number("step_s", c.plant.step_s, 0.00005, 0.001, "s, step of ODE; divides the joint period");
 
     v.section("wall", "a plane that the hand may be pressed against; no friction");
-    v.choice("surface", c.plant.wall.present, kSurfaces, "whether there is a wall");
+    v.choice("surface", c.plant.wall.surface, kSurfaces, "whether there is a wall");
     v.vector("point_m", c.plant.wall.point_m, -1, 1, "m, a point of its surface (x, y)");
     v.number("normal_rad", c.plant.wall.normal_rad, -M_PI, M_PI,
              "rad, direction out of the wall, to the side where the hand may be");
@@ -446,7 +447,7 @@ void check_targets(const RunConfig &c) {
 void check_wall(const RunConfig &c) {
     const WallConfig &wall = c.plant.wall;
     const Eigen::Vector2d normal(std::cos(wall.normal_rad), std::sin(wall.normal_rad));
-    require(!wall.present || (c.experiment.centre_m - wall.point_m).dot(normal) >= 0.001,
+    require(!wall.present() || (c.experiment.centre_m - wall.point_m).dot(normal) >= 0.001,
             "wall.point_m: home (experiment.centre_m) must be at least 0.001 m in front of the "
             "wall, on the side that wall.normal_rad points to");
 }

@@ -116,7 +116,7 @@ ArmPlant::World::World(const ArmPlantConfig &plant_config)
     }
 
     const WallConfig &wall = config.wall;
-    if (wall.present) {
+    if (wall.present()) {
         contacts.reset(dJointGroupCreate(0));
         const double implicit_damping = config.step_s * wall.stiffness_N_m + wall.damping_N_s_m;
         contact.surface.mode = dContactSoftERP | dContactSoftCFM;
@@ -210,9 +210,9 @@ void ArmPlant::World::step() {
         dBodyAddForceAtRelPos(body[2], force_N.x(), force_N.y(), 0.0, config.length_m[2] / 2.0, 0.0,
                               0.0);
     }
-    const bool touching = config.wall.present && touch_wall();
+    const bool touching = config.wall.present() && touch_wall();
     dWorldStep(world.get(), config.step_s);
-    if (config.wall.present) {
+    if (config.wall.present()) {
         wall_force_N.setZero();
         if (touching) {
             wall_force_N << contact_force.f1[0], contact_force.f1[1];
@@ -274,7 +274,7 @@ ArmPlantState ArmPlant::state() const {
         state.hand_m_s += length_m * rate[i] * Eigen::Vector2d(-along.y(), along.x());
     }
     state.wrench_N = -world.external_force_N;
-    if (world.config.wall.present) {
+    if (world.config.wall.present()) {
         state.wrench_N -= world.wall_force_N;
     }
     return state;

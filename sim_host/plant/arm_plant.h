@@ -19,10 +19,12 @@
 namespace hpmc {
 
 struct WallConfig {
-    bool present = false;
+    enum class Surface { none, plane };
+    Surface surface = Surface::none;
+    bool present() const { return surface != Surface::none; }
     Eigen::Vector2d point_m{0.35, 0.0};
-    double normal_rad = M_PI;    ///< from +x, out of the wall, to the side where the hand may be
-    double stiffness_N_m = 1e4;  ///< 1e3..1e5
+    double normal_rad = M_PI;     ///< from +x, out of the wall, to the side where the hand may be
+    double stiffness_N_m = 1e4;   ///< 1e3..1e5
     double damping_N_s_m = 100.0; ///< 0..1000
 };
 

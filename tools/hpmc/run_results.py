@@ -88,10 +88,23 @@ def write_results(
         console.print(f"[yellow]{damage}[/]")
     if level == "full":
         write_candump([LcmLog(path) for path in outcome.logs], folder / "candump.log")
-    if experiment.figures:
+    if experiment.figures and experiment.name == "clock":
         from hpmc.figures import draw_all
 
         draw_all(analysis, folder, geometry)
     # Last, so that a folder with a summary is a complete one.
     write_summary(summary, folder / "summary.json")
-    print_summary(summary, console)
+    print_summary(summary, console, experiment.name)
+    if values["wall"]["surface"] != "none" and not console.quiet:
+        print_contact(folder, console)
+
+
+def print_contact(folder: Path, console: Console) -> None:
+    """What happened at the wall, and where the energy went."""
+    from hpmc.api import load
+    from hpmc.contact import first_contact
+    from hpmc.energy import audit
+
+    run = load(folder)
+    for line in (first_contact(run).in_words(), audit(run).in_words()):
+        console.print(line, soft_wrap=True)

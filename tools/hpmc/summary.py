@@ -136,17 +136,20 @@ def write_summary(summary: Summary, path: Path) -> None:
     partial.replace(path)
 
 
-def print_summary(summary: Summary, console: Console | None = None) -> None:
-    """Prints the table per target and for all, beside the paper's figures."""
+def print_summary(
+    summary: Summary, console: Console | None = None, experiment: str = "clock"
+) -> None:
+    """Prints the table per target and for all; the clock's beside the paper's figures."""
     console = console or Console()
-    console.print(_table(summary))
+    console.print(_table(summary, experiment))
     for line in _facts_in_words(summary):
         console.print(Text(line))
 
 
-def _table(summary: Summary) -> Table:
+def _table(summary: Summary, experiment: str) -> Table:
+    name = experiment.replace("_", " ").capitalize()
     table = Table(
-        title=f"Clock experiment, {summary['mode']}, joints in {summary['numbers']}: "
+        title=f"{name} experiment, {summary['mode']}, joints in {summary['numbers']}: "
         f"{summary['reaches']} reaches",
         title_justify="left",
         title_style="bold",
@@ -160,6 +163,8 @@ def _table(summary: Summary) -> Table:
     table.add_column("velocity\nRMSE, mm/s", justify="right")
     table.add_column("manipu-\nlability", justify="right")
     for target in summary["targets"]:
+        if experiment != "clock" and target["planned_r"] is None:
+            continue  # a clock position that is not visited
         table.add_row(
             str(target["index"]),
             _text(target["planned_r"], 4),
@@ -187,6 +192,8 @@ def _table(summary: Summary) -> Table:
         _text(summary["velocity_rmse_mm_s"]["max"], 1),
         "",
     )
+    if experiment != "clock":
+        return table
     table.add_section()
     table.add_row(
         "paper",
