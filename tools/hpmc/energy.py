@@ -17,7 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from hpmc.api import Result
 
-RESIDUAL_BOUND = 0.02  # of the energy turned over; tests/tools/test_wall.py holds runs to it
+RESIDUAL_BOUND = 0.01  # of the energy turned over; tests/tools/test_wall.py holds runs to it
 
 
 @dataclass(frozen=True)
