@@ -5,7 +5,9 @@ they are first asked for, and kept. Row k of every array belongs to the same ins
 one row per SYNC period (1 ms) of the run, from boot to stop, repetition after repetition.
 """
 
+import json
 import threading
+import tomllib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +24,6 @@ from hpmc.run_folder import RunFolder
 
 STAGES = ("boot", "configure", "enable", "approach", "reaches", "stop")
 CONVERGENCE_BIT = 14  # of the statusword
-US = 1e-6
 
 
 def run(experiment: Experiment | None = None, *, quiet: bool = True) -> "Result":
@@ -83,9 +84,10 @@ class Result:
         """summary.json: means over all reaches, and per target."""
         if not self.complete:
             raise LogError(f"{self.folder} has no summary.json: the run did not come to its end")
-        summary = self.opened.summary
-        if summary is None:
-            raise LogError(self.opened.problems[-1])
+        try:
+            summary: dict[str, Any] = json.loads((self.folder / "summary.json").read_text())
+        except ValueError as error:
+            raise LogError(f"{self.folder / 'summary.json'} cannot be read: {error}") from None
         return summary
 
     @cached_property
@@ -96,14 +98,15 @@ class Result:
     @cached_property
     def configuration(self) -> dict[str, dict[str, Any]]:
         """The whole configuration of the run by section and key (docs/configuration.md)."""
-        return self.opened.config
+        file = self.folder / "config.toml"
+        return tomllib.loads(file.read_text()) if file.is_file() else self.opened.config
 
     # --- arrays, one row per SYNC period ---------------------------------------------------------
 
     @cached_property
     def time_s(self) -> np.ndarray:
         """(n), s, run clock; repetitions follow one another, so it grows all through."""
-        return self._rows.time_us * US
+        return self._rows.time_us / 1e6
 
     @cached_property
     def repetition(self) -> np.ndarray:

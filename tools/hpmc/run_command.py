@@ -198,6 +198,10 @@ def execute(experiment: Experiment, console: Console) -> Path:
 
     Raises ConfigurationError before anything was made, RunError and RunInterrupted after.
     """
+    if experiment.mode not in MODES:
+        raise ConfigurationError(
+            f"there is no mode '{experiment.mode}' (choose from {', '.join(MODES)})"
+        )
     configuration = experiment.load()
     mode = MODES[experiment.mode]
     mode.check(experiment, configuration)
