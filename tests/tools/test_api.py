@@ -211,7 +211,7 @@ def test_overrides_by_key() -> None:
         "a.vector=[1.0, 2.5]", "a.list=[1, 2]",
     ]  # fmt: skip
     assert override_lines(["a.b=c"]) == ["a.b=c"]
-    with pytest.raises(ConfigurationError, match="a.none: None is no number, string or list"):
+    with pytest.raises(ConfigurationError, match=r"a.none: None is no number, string or list"):
         override_lines({"a.none": None})
 
 

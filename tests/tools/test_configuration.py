@@ -31,7 +31,7 @@ def test_other_experiments_say_what_differs_from_the_clock() -> None:
 
 
 def test_an_unknown_experiment_is_said_so() -> None:
-    with pytest.raises(ConfigurationError, match="no experiment 'watch' .choose from clock, "):
+    with pytest.raises(ConfigurationError, match=r"no experiment 'watch' .choose from clock, "):
         load_configuration("watch")
 
 

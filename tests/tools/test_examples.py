@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import os
 import re
 import subprocess
 import sys
+from functools import cached_property
 from pathlib import Path
 
 import matplotlib.image
 import pytest
 
+from hpmc import Experiment, Result
 from hpmc.layout import ROOT
 
 EXAMPLES = ROOT / "tools" / "examples"
@@ -101,13 +105,19 @@ def test_the_snippets_of_the_page(tmp_path: Path) -> None:
         assert re.search(re.sub(r"\\\.\\\.\\\.", ".*", re.escape(line)), said), line
 
 
-def test_what_the_page_lists_is_there() -> None:
-    from hpmc import Result
+def test_the_page_lists_all_arrays_with_shape_and_unit() -> None:
+    listed = re.findall(r"^\| `(\w+)` \| (n[^|]*) \|\s*([^|]*?)\s*\|", PAGE.read_text(), re.M)
+    members = inspect.getmembers(Result, lambda member: isinstance(member, cached_property))
+    described = {name: doc for name, m in members if (doc := inspect.getdoc(m) or "")[:2] == "(n"}
+    assert {name for name, _, _ in listed} == described.keys()
+    for name, shape, unit in listed:
+        assert described[name].startswith(f"({shape}), {unit}"), name
 
-    rows = re.findall(r"^\| `(\w+)` \|", PAGE.read_text(), re.M)
-    assert len(rows) > 15
-    for name in rows:
-        assert hasattr(Result, name) or name == "folder", name
+
+def test_the_page_lists_all_options() -> None:
+    page = PAGE.read_text()
+    for option in dataclasses.fields(Experiment):
+        assert f"`{option.name}`" in page, option.name
 
 
 @pytest.mark.parametrize("name", ["figure_of_eight", "phase_rules", "stiffness_sweep", "wall"])

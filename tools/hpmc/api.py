@@ -216,7 +216,8 @@ class Result:
 
     @cached_property
     def _rows(self) -> _Rows:
-        host_us, arm_us = (self.opened.column(name, "utime") for name in ("HPMC_STATE", "ARM_STATE"))
+        host_us = self.opened.column("HPMC_STATE", "utime")
+        arm_us = self.opened.column("ARM_STATE", "utime")
         time_us, host, arm = np.intersect1d(host_us, arm_us, return_indices=True)
         return _Rows(time_us, host, arm)
 

@@ -47,7 +47,8 @@ class EnergyAudit:
             f"energy: motors {1e3 * self.motor_J[-1]:.1f} mJ = friction "
             f"{1e3 * self.friction_J[-1]:.1f} + environment {1e3 * self.environment_J[-1]:.1f} + "
             f"kinetic {1e3 * self.kinetic_J[-1]:.1f} mJ; residual at worst "
-            f"{100 * self.worst_residual:.2f} % of {1e3 * self.turned_over_J[-1]:.0f} mJ turned over"
+            f"{100 * self.worst_residual:.2f} % of {1e3 * self.turned_over_J[-1]:.0f} mJ "
+            "turned over"
         )
 
 
@@ -84,9 +85,8 @@ def kinetic_energy_J(
     length, mass = np.asarray(length_m), np.asarray(mass_kg)
     angle, omega = np.cumsum(q_rad, axis=-1), np.cumsum(rate_rad_s, axis=-1)
     normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-    end_over_start = (length * omega)[..., None] * normal  # velocity of each link's end to its start
-    start = np.cumsum(end_over_start, axis=-2) - end_over_start
-    centre = start + end_over_start / 2
+    along = (length * omega)[..., None] * normal  # velocity of each link's end against its start
+    centre = np.cumsum(along, axis=-2) - along / 2
     turning = (mass * length**2 / 12 * omega**2).sum(axis=-1)
     return 0.5 * ((mass * (centre**2).sum(axis=-1)).sum(axis=-1) + turning)
 

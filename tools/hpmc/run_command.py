@@ -1,7 +1,6 @@
 """`./rig run`: the command line, and a run from its configuration to logs, summary and figures."""
 
 import argparse
-import contextlib
 import datetime
 import itertools
 import sys
@@ -60,7 +59,9 @@ def parse(argv: Sequence[str]) -> Experiment:
         choices=("direct", "injected"),
         help="how the nodes see the arm: LCM, or RPDO4 and TPDO1",
     )
-    parser.add_argument("--repetitions", metavar="N", help="each from boot to stop; 16 reaches of the clock")
+    parser.add_argument(
+        "--repetitions", metavar="N", help="each from boot to stop; the clock: of 16 reaches"
+    )
     parser.add_argument("--joint-rate-hz", choices=("1000", "5000"), help="joint loop of the nodes")
     parser.add_argument("--phase-rule", choices=("body_motion", "error_growth"), help="of the FIC")
     parser.add_argument("--fixed", action="store_true",
@@ -154,6 +155,15 @@ def check_folder(folder: Path) -> None:
         raise ConfigurationError(f"--out {folder}: exists already and is not empty")
 
 
+def make_new(folder: Path) -> bool:
+    """Makes a folder; False where there is one of this name."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
+
+
 def make_folder(folder: Path, configuration: Configuration, *, named: bool) -> Path:
     """Makes the output folder with config.toml in it, and returns the latter.
 
@@ -162,12 +172,10 @@ def make_folder(folder: Path, configuration: Configuration, *, named: bool) -> P
     """
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        for candidate in itertools.chain([folder], numbered):
-            with contextlib.suppress(FileExistsError):
-                candidate.mkdir(exist_ok=named)
-                folder = candidate
-                break
+        if named:
+            folder.mkdir(parents=True, exist_ok=True)
+        else:
+            folder = next(filter(make_new, itertools.chain([folder], numbered)))
         config_file = folder / "config.toml"
         config_file.write_text(configuration.toml)
     except OSError as error:
