@@ -97,6 +97,10 @@ class LcmLog:
         """Number of messages of a channel; 0 where the log has none."""
         return self._channels[channel].offsets.size if channel in self._channels else 0
 
+    def size(self, channel: str) -> int:
+        """Bytes of the messages of a channel."""
+        return int(self._index(channel).lengths.astype(np.int64).sum())
+
     def column(
         self, channel: str, field: str, start: int = 0, stop: int | None = None
     ) -> np.ndarray:
@@ -172,13 +176,18 @@ class LcmLog:
             whole &= self._overlapping(np.dtype(">u8"))[places] == lcm_type.fingerprint
         if not whole.any():
             return  # another type, or another version of it
-        rows = np.flatnonzero(whole)
-        first = index.offsets[rows] + FINGERPRINT_BYTES
-        ends = index.offsets[rows] + index.lengths[rows]
-        try:
-            whole[rows] = member_places(lcm_type, self._bytes, first, ends).whole
-        except LcmTypeError:
-            return  # a layout that only the decoder knows
+        if lcm_type.dtype is not None:
+            whole &= index.lengths == FINGERPRINT_BYTES + lcm_type.dtype.itemsize
+        else:
+            rows = np.flatnonzero(whole)
+            first = index.offsets[rows] + FINGERPRINT_BYTES
+            ends = index.offsets[rows] + index.lengths[rows]
+            try:
+                whole[rows] = member_places(lcm_type, self._bytes, first, ends).whole
+            except LcmTypeError:
+                return  # a layout that only the decoder knows
+        if whole.all():
+            return
         self.damage += [
             Damage(int(index.offsets[row]), int(index.lengths[row]))
             for row in np.flatnonzero(~whole)

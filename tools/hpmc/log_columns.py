@@ -186,3 +186,71 @@ def _leaves(
             begin = at + dtype.fields[part.name][1]
             columns += _leaves(part, f"{here}.{part.name}", begin, repeated, top)
     return columns
+
+
+def read_messages(
+    log: LcmLog, channel: str, rows: slice | np.ndarray
+) -> list[dict[str, Any]]:
+    """The messages `rows` as LcmType.decode gives them, many at a time."""
+    lcm_type = log.known_type(channel)
+    if lcm_type is None:
+        raise LogError(f"{log.path}: {channel} has no message type here, or another version of it")
+    places, lengths = log.message_places(channel)
+    places, lengths = places[rows], lengths[rows]
+    members = member_places(lcm_type, log.bytes, places + FINGERPRINT_BYTES, places + lengths)
+    if not members.whole.all():
+        raise LogError(f"{log.path}: a {channel} message has not the size of {lcm_type.name}")
+    columns = []
+    for member in lcm_type.members:
+        start = members.starts[member.name]
+        if member.type_name == "string":
+            ends = start + 4 + members.counts[member.name]
+            columns.append(
+                [
+                    log.bytes[at + 4 : end].tobytes().rstrip(b"\0").decode(errors="replace")
+                    for at, end in zip(start.tolist(), ends.tolist(), strict=True)
+                ]
+            )
+            continue
+        varying = bool(member.dimensions) and not member.dimensions[0].isdigit()
+        shape = [int(size) for size in member.dimensions[int(varying) :]]
+        if not varying:
+            columns.append(_values(log, member, start, shape))
+            continue
+        count = members.counts[member.name]
+        ends = np.cumsum(count)
+        index = np.arange(int(count.sum())) - np.repeat(ends - count, count)
+        at = np.repeat(start, count) + index * element_size(lcm_type, member)
+        flat = _values(log, member, at, shape)
+        columns.append(
+            [
+                flat[begin:end]
+                for begin, end in zip((ends - count).tolist(), ends.tolist(), strict=True)
+            ]
+        )
+    names = [member.name for member in lcm_type.members]
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def _values(log: LcmLog, member: Member, at: np.ndarray, shape: list[int]) -> list[Any]:
+    """One entry per place: a number, a dict, or lists of them."""
+    code = NUMPY_CODE.get(member.type_name)
+    element = np.dtype(code) if code else nested_type(member).dtype
+    found = log.at_offsets(at, np.dtype((element, tuple(shape))) if shape else element)
+    return _plain(found, None if code else nested_type(member))
+
+
+def _plain(values: np.ndarray, lcm_type: LcmType | None) -> list[Any]:
+    if lcm_type is None:
+        return values.tolist()
+    if values.ndim > 1:
+        return [_plain(row, lcm_type) for row in values]
+    columns = [
+        _plain(
+            values[member.name],
+            None if member.type_name in NUMPY_CODE else nested_type(member),
+        )
+        for member in lcm_type.members
+    ]
+    names = [member.name for member in lcm_type.members]
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
