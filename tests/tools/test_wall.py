@@ -116,3 +116,26 @@ def test_kinetic_energy_by_finite_differences() -> None:
         turning = mass * np.array(arm.length_m) ** 2 / 12 * np.cumsum(rate) ** 2
         expected = 0.5 * (mass * (centre_rate**2).sum(axis=1) + turning).sum()
         assert kinetic_energy_J(q, rate, arm.length_m, mass) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_run_past_the_wall_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    short = {"experiment.radius_m": 0.01, "experiment.period_s": 0.5}
+    past = run(Experiment("wall", mode="sil", overrides=short, out=tmp_path / "run"), quiet=False)
+    said = capfd.readouterr().out
+    assert "contact: the hand does not touch the wall in reach 0" in said
+    assert "energy: motors" in said
+    # The paper is about the clock: its figures and pictures go with all of it.
+    assert "Wall experiment" in said and "paper" not in said
+    assert not list(past.folder.glob("*.png"))
+
+
+def test_part_of_the_clock_is_summed_up(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    short = {"experiment.reaches": 3, "experiment.period_s": 0.5}
+    part = run(Experiment(mode="sil", overrides=short, out=tmp_path / "run"), quiet=False)
+    rows = [line.split() for line in capfd.readouterr().out.splitlines()]
+    assert [row[0] for row in rows if row and row[0].isdigit() and len(row) == 6] == ["1", "2"]
+    assert [target["planned_r"] is None for target in part.metrics["targets"][:4]] == [
+        False, False, True, True,
+    ]  # fmt: skip

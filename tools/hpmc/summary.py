@@ -152,16 +152,20 @@ def write_summary(summary: Summary, path: Path) -> None:
 
 
 def print_summary(
-    summary: Summary, console: Console | None = None, experiment: str = "clock"
+    summary: Summary,
+    console: Console | None = None,
+    experiment: str = "clock",
+    *,
+    beside_paper: bool = True,
 ) -> None:
-    """Prints the table per target and for all; the clock's beside the paper's figures."""
+    """Prints the table per target and for all, beside the paper's figures where it is its run."""
     console = console or Console()
-    console.print(_table(summary, experiment))
+    console.print(_table(summary, experiment, beside_paper))
     for line in _facts_in_words(summary):
         console.print(Text(line))
 
 
-def _table(summary: Summary, experiment: str) -> Table:
+def _table(summary: Summary, experiment: str, beside_paper: bool) -> Table:
     name = experiment.replace("_", " ").capitalize()
     table = Table(
         title=f"{name} experiment, {summary['mode']}, joints in {summary['numbers']}: "
@@ -178,7 +182,7 @@ def _table(summary: Summary, experiment: str) -> Table:
     table.add_column("velocity\nRMSE, mm/s", justify="right")
     table.add_column("manipu-\nlability", justify="right")
     for target in summary["targets"]:
-        if experiment != "clock" and target["planned_r"] is None:
+        if not beside_paper and target["planned_r"] is None:
             continue  # a clock position that is not visited
         table.add_row(
             str(target["index"]),
@@ -207,7 +211,7 @@ def _table(summary: Summary, experiment: str) -> Table:
         _text(summary["velocity_rmse_mm_s"]["max"], 1),
         "",
     )
-    if experiment != "clock":
+    if not beside_paper:
         return table
     table.add_section()
     table.add_row(
