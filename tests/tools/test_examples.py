@@ -19,7 +19,7 @@ from hpmc.layout import ROOT
 
 EXAMPLES = ROOT / "tools" / "examples"
 PAGE = ROOT / "docs" / "scripting.md"
-LIMIT_S = 120
+LIMIT_S = 300
 
 
 def run_script(folder: Path, *arguments: str) -> str:
