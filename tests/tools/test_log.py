@@ -230,6 +230,16 @@ def test_single_damaged_messages_are_left_out_and_told(tmp_path: Path) -> None:
         LcmLog(path).column("ARM_STATE", "utime")
 
 
+def test_a_log_of_nothing_but_damage_is_told(tmp_path: Path, rig: Rig) -> None:
+    path = write_events(tmp_path / "a.lcmlog", [(0, "ARM_STATE", arm_state(0)[:-1])])
+    status, said, _ = rig("info", path)
+    assert status == 0
+    assert "0 messages" in said and f"{len(arm_state(0)) - 1} bytes at 37 hold no whole" in said
+    assert rig("export", path, "--to", "csv")[0] == 2
+    assert rig("show", path, "--channel", "ARM_STATE")[0] == 2
+    assert rig("diff", path, path)[0] == 0
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_no_damage_makes_the_reader_fail(every: Path, tmp_path: Path, seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -28,11 +28,11 @@ class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, without the usage."""
 
     def error(self, message: str) -> NoReturn:
-        raise LogError(f"{message} (see ./{self.prog} --help)")
+        raise LogError(f"{message} (see {self.prog} --help)")
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    parser = Parser(prog="rig log", allow_abbrev=False, description="Looks into a run.")
+    parser = Parser(prog="./rig log", allow_abbrev=False, description="Looks into a run.")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     run_help = "folder of a run, or any LCM log"
 

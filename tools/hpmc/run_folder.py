@@ -223,4 +223,4 @@ class RunFolder:
 
     @staticmethod
     def _begin_us(log: LcmLog) -> int:
-        return min(int(log.timestamps_us(channel)[0]) for channel in log.channels)
+        return min((int(log.timestamps_us(channel)[0]) for channel in log.channels), default=0)
