@@ -65,7 +65,8 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.vector("centre_m", c.experiment.centre_m, -0.6, 0.6, "m, home position of the hand (x, y)");
     v.number("radius_m", c.experiment.radius_m, 0.001, 0.3,
              "m, distance of the targets from home; half the height of the eight");
-    v.number("period_s", c.experiment.period_s, 0.2, 60, "s, a reach: a new target, or one eight");
+    v.number("period_s", c.experiment.period_s, 0.2, 3600,
+             "s, a reach: a new target, or one eight");
     v.integer("reaches", c.experiment.reaches, 1, 2 * kClockTargets,
               "of a repetition: target 1, home, target 2, home ..., or so many eights");
     v.number("waypoint_s", c.experiment.waypoint_s, 0.001, 1,

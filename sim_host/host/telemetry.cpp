@@ -11,7 +11,7 @@ namespace hpmc {
 namespace {
 
 constexpr std::int64_t kRunInfoPeriod_us = 1000000;
-constexpr std::int32_t kNoClockPosition = -1; ///< of ARM_TARGET
+constexpr std::int32_t kWaypoint = -2; ///< arm_target_t.target
 
 #ifdef CONTROL_FIXED_POINT
 constexpr const char *kJointNumbers = "fixed";
@@ -67,7 +67,7 @@ bool Telemetry::target_changed(const HostCycle &cycle) {
     arm_target_.x_t_m[0] = point.x_t_m.x();
     arm_target_.x_t_m[1] = point.x_t_m.y();
     const bool home = point.target != 0 && point.reach % 2 != 0;
-    arm_target_.target = home ? 0 : (point.target != 0 ? point.target : kNoClockPosition);
+    arm_target_.target = home ? 0 : (point.target != 0 ? point.target : kWaypoint);
     // Numbered by the schedule, so that it grows through repetitions whoever runs them.
     arm_target_.seq = point.target_seq;
     return true;

@@ -292,3 +292,17 @@ def test_no_run_to_load(tmp_path: Path) -> None:
         load(tmp_path)
     with pytest.raises(LogError, match="No such file"):
         load(tmp_path / "none")
+
+
+def test_waypoints_are_told_apart_from_places_of_the_clock(tmp_path: Path, result: Result) -> None:
+    overrides = {"experiment.path": "figure_of_eight", "experiment.waypoint_s": 0.05}
+    eight = run(short(tmp_path / "eight", overrides=overrides))
+    assert list(result.opened.column("ARM_TARGET", "target")) == [1, 0, 2, 0]
+    assert list(eight.opened.column("ARM_TARGET", "target")) == [-2] * 16
+    for each, interval_us in ((result, 200_000), (eight, 50_000)):
+        told = each.opened.column("ARM_TARGET", "utime")
+        assert list(np.diff(told)) == [interval_us] * (told.size - 1)
+        rows = np.searchsorted(each.time_s, told / 1e6)
+        np.testing.assert_array_equal(
+            each.target_m[rows], each.opened.column("ARM_TARGET", "x_t_m")
+        )
