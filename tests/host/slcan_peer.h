@@ -24,7 +24,7 @@ class ScriptedPeer {
 
     int link_fd() const { return fds_[0]; } ///< for the link, which closes it
     void say(const std::string &text);
-    std::string heard(); ///< all that the link has sent since the last call
+    std::string heard();    ///< all that the link has sent since the last call
     void hear(char wanted); ///< waits until the link has sent it; all up to there is gone
     void hang_up();
 
