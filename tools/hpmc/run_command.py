@@ -12,7 +12,7 @@ from typing import NoReturn
 from rich.console import Console
 
 from hpmc.configuration import Configuration, ConfigurationError, experiments
-from hpmc.experiment import FULL_LOG_REACHES, Experiment
+from hpmc.experiment import FULL_LOG_REACHES, Experiment, override_lines
 from hpmc.layout import RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
@@ -213,7 +213,9 @@ def execute(experiment: Experiment, console: Console) -> Path:
             f"there is no mode '{experiment.mode}' (choose from {', '.join(MODES)})"
         )
     mode = MODES[experiment.mode]
-    experiment = replace(experiment, overrides=[*mode.overrides, *experiment.overrides])
+    experiment = replace(
+        experiment, overrides=[*mode.overrides, *override_lines(experiment.overrides)]
+    )
     configuration = experiment.load()
     mode.check(experiment, configuration)
     level = experiment.log_level(configuration)
