@@ -37,7 +37,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 BAD = [
-    (["--mode", "hil"], "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan')"),
+    (["--mode", "hil"],
+     "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan', 'emulated')"),
     (["--sensors", "none"], "argument --sensors: invalid choice"),
     (["--pace", "fast"], "argument --pace: invalid choice"),
     (["--log", "all"], "argument --log: invalid choice"),
