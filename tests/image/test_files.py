@@ -249,7 +249,7 @@ def test_vectors(image: Path) -> None:
 
 def test_the_fixed_image_has_no_float_code(fixed_image: Path) -> None:
     listing = subprocess.run(
-        ["arm-none-eabi-objdump", "-d", str(fixed_image)], check=True, capture_output=True, text=True
+        ["arm-none-eabi-objdump", "-d", fixed_image], check=True, capture_output=True, text=True
     ).stdout
     assert not re.findall(r"\tv(?:add|mul|ldr|mov|cvt|push|msr|mrs)\S*", listing)
     assert not re.findall(r"<__aeabi_[fd]\w+>|<__\w+[sd]f\w*>", listing)
