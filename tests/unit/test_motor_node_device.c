@@ -151,12 +151,7 @@ void test_injected_sensors_replace_the_current_too(void) {
         rig_inject(5000, (uint8_t)(tick + 2U), 0);
         rig_cycle();
     }
-    rig_control(0x06, -1);
-    rig_cycle();
-    rig_control(0x07, 0);
-    rig_cycle();
-    rig_control(0x0F, 0);
-    rig_cycle();
+    rig_enable();
     TEST_ASSERT_TRUE(rig.output.output_enabled);
 }
 
