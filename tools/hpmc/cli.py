@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 MODULES = {
     "run": "hpmc.run_command",
+    "view": "hpmc.view.command",
     "node": "hpmc.node",
     "bench": "hpmc.bench",
     "doctor": "hpmc.doctor",
