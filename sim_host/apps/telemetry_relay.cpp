@@ -41,7 +41,7 @@ constexpr std::size_t kInputMax = 4096;
 struct Options {
     std::string url = kDefaultTelemetryUrl;
     unsigned every = 8;
-    int batch_ms = 25;
+    int batch_ms = 20;
 };
 
 std::int64_t now_ms() {

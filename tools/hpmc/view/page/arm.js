@@ -10,6 +10,8 @@ const HAND = 2;
 export class ArmView {
   constructor(canvas) {
     this.canvas = canvas;
+    this.backdrop = document.createElement("canvas"); // what does not move
+    this.backdropKey = "";
   }
 
   // Maps between the plane and the canvas, with the same scale both ways.
@@ -34,10 +36,9 @@ export class ArmView {
   draw(rig, states, wish) {
     const { g, width, height } = begin(this.canvas);
     this.layout(width, height);
-    this.grid(g, width, height);
+    this.still(rig, width, height);
+    g.drawImage(this.backdrop, 0, 0, width, height);
     if (!rig) return;
-    this.ring(g, rig);
-    this.targets(g, rig);
     const state = states.at(-1);
     if (!state?.links) return;
     const running = state.phase >= 3 && state.phase <= 4;
@@ -53,6 +54,18 @@ export class ArmView {
       this.band(g, state);
     }
     if (wish) disc(g, this.place(wish), 12, null, faded("target", 0.6), 1.5);
+  }
+
+  still(rig, width, height) {
+    const key = [this.canvas.width, this.canvas.height, colour("ink"), JSON.stringify(rig)].join();
+    if (key === this.backdropKey) return;
+    this.backdropKey = key;
+    const { g } = begin(this.backdrop, width, height);
+    this.grid(g, width, height);
+    if (rig) {
+      this.ring(g, rig);
+      this.targets(g, rig);
+    }
     this.scales(g, height);
   }
 

@@ -12,10 +12,8 @@ export function colour(name) {
 export const FONT = '12px system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif';
 
 // A cleared context in CSS pixels, as large as the canvas is shown.
-export function begin(canvas) {
+export function begin(canvas, width = canvas.clientWidth, height = canvas.clientHeight) {
   const ratio = window.devicePixelRatio || 1;
-  const width = canvas.clientWidth;
-  const height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
@@ -61,5 +59,6 @@ export function arrow(g, [x, y], [dx, dy], style, width) {
 }
 
 export function faded(name, share) {
-  return `color-mix(in srgb, ${colour(name)} ${Math.round(share * 100)}%, transparent)`;
+  // Colours of the style sheet are #rrggbb.
+  return colour(name) + Math.round(share * 255).toString(16).padStart(2, "0");
 }

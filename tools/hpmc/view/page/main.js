@@ -5,6 +5,7 @@ import { TorqueView } from "./torques.js";
 
 const KEPT_S = 4.5;
 const SILENT_MS = 3000;
+const SAID_EVERY_MS = 50;
 const NUDGE_M = 0.005;
 const TARGET_EVERY_MS = 20;
 const REACHES = 4; // phase
@@ -29,10 +30,11 @@ let skipped = 0;
 let heard = performance.now();
 let wish = null; // target being dragged
 let wishSent = 0;
+let said = 0;
 let clockRatio = null; // simulated s per s, live
 
 // For whoever tests this page.
-const stats = { drawn: 0, messages: 0, states: 0, perSecond: 0 };
+const stats = { drawn: 0, messages: 0, states: 0, perSecond: 0, drawing_ms: 0 };
 window.hpmcView = { stats, get states() { return states; }, get hello() { return hello; }, arm };
 
 const send = connect(onMessage, onClose);
@@ -187,6 +189,7 @@ function say(state) {
 function frame(now) {
   requestAnimationFrame(frame);
   perSecond(now);
+  now = performance.now();
   if (!fresh && !wish) return;
   const rig = hello?.rig;
   const state = states.at(-1);
@@ -195,8 +198,13 @@ function frame(now) {
   for (const view of torques) view.draw(rig, states);
   nodesView.draw(nodes, state);
   canvas.classList.toggle("reachable", mayDrag());
-  if (state && rig) say(state);
+  at("hint").hidden = !mayDrag();
+  if (state && rig && now - said > SAID_EVERY_MS) {
+    said = now;
+    say(state);
+  }
   if (fresh) stats.drawn += 1;
+  stats.drawing_ms += performance.now() - now;
   fresh = false;
 }
 requestAnimationFrame(frame);

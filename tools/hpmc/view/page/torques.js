@@ -3,6 +3,7 @@
 import { begin, colour, faded, line } from "./canvas.js";
 
 const WINDOW_S = 3;
+const SAID_EVERY_MS = 100;
 const STEPS_NM = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 const LEFT = 38;
 const BOTTOM = 16;
@@ -10,8 +11,17 @@ const BOTTOM = 16;
 export class TorqueView {
   constructor(box, joint) {
     this.canvas = box.querySelector("canvas");
-    this.values = box.querySelector(".values");
     this.joint = joint;
+    this.said = 0;
+    this.numbers = [["τ", ""], ["T", "d"], ["T", "max"], ["limit", ""]].map(([name, index]) => {
+      const entry = document.createElement("span");
+      const low = document.createElement("sub");
+      low.textContent = index;
+      const number = document.createElement("b");
+      entry.append(name, low, " ", number);
+      box.querySelector(".values").append(entry);
+      return number;
+    });
   }
 
   draw(rig, states) {
@@ -73,18 +83,12 @@ export class TorqueView {
     }
   }
 
+  // Numbers that change faster cannot be read.
   say(state, joint, limit) {
+    if (performance.now() - this.said < SAID_EVERY_MS) return;
+    this.said = performance.now();
     const number = (value) => value.toFixed(2).replace("-", "−");
-    const text = [
-      ["τ ", `${number(state.tau[joint])}`],
-      ["  T_d ", number(state.tau_d[joint])],
-      ["  T_max ", number(state.tau_max[joint])],
-      ["  of ", `${limit} N m`],
-    ];
-    this.values.replaceChildren(...text.flatMap(([label, value]) => {
-      const bold = document.createElement("b");
-      bold.textContent = value;
-      return [label, bold];
-    }));
+    const texts = [state.tau[joint], state.tau_d[joint], state.tau_max[joint]].map(number);
+    [...texts, `${limit} N m`].forEach((text, i) => { this.numbers[i].textContent = text; });
   }
 }
