@@ -408,6 +408,11 @@ TEST_CASE("a delayed command is the one of so many periods ago") {
 
 namespace {
 
+/// The arm of the bench does not move: longer reaches end in a fault.
+RunConfig short_reaches() {
+    return test::clock_config({"experiment.period_s=0.2"});
+}
+
 Eigen::Vector2d x_t(const NodeBench &bench) {
     return {bench.cycle.state().x_t_m[0], bench.cycle.state().x_t_m[1]};
 }
@@ -421,8 +426,8 @@ void step_until(NodeBench &bench, std::int64_t period) {
 } // namespace
 
 TEST_CASE("a target from outside acts until the schedule's next change of target") {
-    NodeBench bench;
-    step_until(bench, 1200);
+    NodeBench bench(short_reaches());
+    step_until(bench, 1010);
     const Eigen::Vector2d scheduled = x_t(bench);
     const Eigen::Vector2d asked(0.31, 0.04);
     bench.target_m = asked;
@@ -432,7 +437,7 @@ TEST_CASE("a target from outside acts until the schedule's next change of target
     bench.step();
     CHECK_FALSE(bench.cycle.outside_target_began());
     CHECK(x_t(bench) == asked);
-    step_until(bench, 2000);
+    step_until(bench, 1200);
     CHECK(x_t(bench) == asked);
     bench.step(); // the first of reach 1, home
     CHECK(x_t(bench) == Eigen::Vector2d(0.3, 0.0));
@@ -442,8 +447,8 @@ TEST_CASE("a target from outside acts until the schedule's next change of target
 }
 
 TEST_CASE("in the period in which the schedule changes its target, one from outside comes after") {
-    NodeBench bench;
-    step_until(bench, 2000);
+    NodeBench bench(short_reaches());
+    step_until(bench, 1200);
     bench.target_m = Eigen::Vector2d(0.25, -0.05);
     bench.step();
     CHECK(bench.cycle.schedule_point().target_changes);

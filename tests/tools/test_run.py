@@ -54,8 +54,8 @@ BAD = [
     (["--jobs", "2"], "--jobs: goes with --mode sil"),
     (["--uml", "--mode", "sil"], "--uml: goes with --mode vcan"),
     (["--lcm-url", "udpm://239.255.76.67:7667"], "--lcm-url: goes with --mode sil"),
-    (["--lcm-url", "tcp://1.2.3.4", "--mode", "sil"], "--lcm-url tcp://1.2.3.4: must be like udpm:"),
-    (["--jobs", "2", "--pace", "realtime", "--mode", "sil"], "--jobs: one process only with --pace"),
+    (["--lcm-url", "tcp://1.2.3.4", "--mode", "sil"], "--lcm-url tcp://1.2.3.4: must be"),
+    (["--jobs", "2", "--pace", "realtime", "--mode", "sil"], "--jobs: one process only"),
     (["--targets", "no/such"], "--targets no/such: holds no run.lcmlog"),
     (["--set", "bus.command_delay_ms=1"], "bus.command_delay_ms: goes with --mode sil"),
     (

@@ -4,6 +4,7 @@ Chromium is Debian's own; it gets a profile of its own and is ended with everyth
 """
 
 import base64
+import contextlib
 import itertools
 import json
 import os
@@ -38,6 +39,7 @@ class Browser:
         self._size = (width, height)
         self._profile = tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True)
         self._numbers = itertools.count(1)
+        self._open = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
         program = shutil.which(PROGRAM)
@@ -61,7 +63,7 @@ class Browser:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:  # fmt: skip
-        self._link.close()
+        self._open.close()
         self._end()
 
     def _end(self) -> None:
@@ -79,10 +81,10 @@ class Browser:
         port = port_file.read_text().splitlines()[0]
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
             page = next(entry for entry in json.load(answer) if entry["type"] == "page")
-        return connect(
+        return self._open.enter_context(connect(
             page["webSocketDebuggerUrl"], max_size=None, compression=None, ping_interval=None,
             proxy=None,
-        )  # fmt: skip
+        ))  # fmt: skip
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """One command of the protocol and its result; events in between are looked at."""

@@ -84,7 +84,7 @@ def write_results(
     summary = build_summary(facts, analysis, geometry)
     if outside := total(outcome.stats, "outside_targets"):
         console.print(
-            f"{outside} targets came from outside the schedule: figures of those reaches mean little"
+            f"{outside} targets came from outside: the figures of those reaches mean little"
         )
     if refused := total(outcome.stats, "outside_targets_refused", "outside_targets_dropped"):
         console.print(f"{refused} targets from outside were refused: none acts between the reaches")

@@ -13,7 +13,6 @@ from hpmc.modes.job import Job, Outcome
 from hpmc.processes import Child, Watch
 from hpmc.run_progress import ProgressBar
 
-
 LCM_URL = re.compile(r"udpm://(\d{1,3}\.){3}\d{1,3}:\d{1,5}(\?ttl=\d{1,3})?")
 
 

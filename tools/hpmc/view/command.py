@@ -120,7 +120,8 @@ async def listening(web: Web, port: int) -> contextlib.AbstractAsyncContextManag
         server = await web.start(port)
     except OSError as error:
         raise UsageError(f"--port {port}: {ADDRESS}:{port}: {error.strerror}") from None
-    print(f"open http://{ADDRESS}:{server.sockets[0].getsockname()[1]}/   (Ctrl-C ends)", flush=True)
+    port = server.sockets[0].getsockname()[1]
+    print(f"open http://{ADDRESS}:{port}/   (Ctrl-C ends)", flush=True)
     return server
 
 

@@ -26,10 +26,11 @@ def record(channel_type: str, payload: bytes) -> np.void:
     return np.frombuffer(payload, dtype, 1, FINGERPRINT_BYTES)[0]
 
 
-def _numbers(value: np.ndarray) -> Any:
+def _numbers(value: np.ndarray) -> list[Any] | None:
     # JSON knows no NaN and no infinity; the page leaves out what is null.
     if np.isfinite(value).all():
-        return np.round(value.astype(float), _ROUNDED).tolist()
+        rounded: list[Any] = np.round(value.astype(float), _ROUNDED).tolist()
+        return rounded
     return None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from hpmc.lcm_log import LcmLog, LogError
 from hpmc.view.pictures import node_picture, rig_picture, state_picture
 
+
 class Replay:
     """The logs of one run, one after the other in run time."""
 

@@ -2,8 +2,7 @@
 
 Every other origin is refused: a page of somebody else's that a browser has open must neither read a
 run nor move its target. Checked are the Host header (against DNS rebinding), for the WebSocket also
-Origin. All data goes over one WebSocket a page, as JSON; the first message of each side's
-vocabulary is in page/link.js.
+Origin. All data goes over one WebSocket a page, as JSON; page/link.js lists the messages.
 """
 
 import asyncio
@@ -29,7 +28,12 @@ from hpmc.view.replay import Replay
 ADDRESS = "127.0.0.1"
 PAGE = Path(__file__).parent / "page"
 SOCKET_PATH = "/ws"
-_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+_TYPES = {
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+}
 _FRAME_S = 0.02
 _TRACE_S = 4.0  # what the page shows of the past
 _TRACE_STATES = 400
@@ -68,13 +72,17 @@ class Outbox:
 
 def command_of(text: str | bytes) -> dict[str, Any]:
     """A page's command, its numbers checked; ValueError when it is none."""
-    command = json.loads(text)
+    try:
+        command = json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
     if not isinstance(command, dict) or not isinstance(command.get("do"), str):
         raise ValueError("no command")
     numbers = {"target": ("x", "y"), "seek": ("t",), "speed": ("value",)}.get(command["do"], ())
     for name in numbers:
         value = command.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value):
             raise ValueError(f"{command['do']}: {name} is no finite number")
     return command
 
