@@ -6,7 +6,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,6 +31,14 @@ def free_udp_port() -> int:
 @pytest.fixture
 def lcm_url() -> str:
     return f"udpm://239.255.76.67:{free_udp_port()}?ttl=0"
+
+
+def until(ask: Callable[[], object], what: str, limit_s: float = 60.0) -> None:
+    """Asks until it is so."""
+    limit = time.monotonic() + limit_s
+    while not ask():
+        assert time.monotonic() < limit, f"not within {limit_s:.0f} s: {what}"
+        time.sleep(0.02)
 
 
 @contextmanager
