@@ -198,8 +198,7 @@ export class LensView {
     g.restore();
     g.fillStyle = colour("faint");
     g.textAlign = "center";
-    g.fillText(`X off X_d: ${(1000 * size).toFixed(1)} mm`, centre[0], height - 4);
-    g.textAlign = "right";
-    g.fillText(`${1000 * half} mm`, width - 6, centre[1] - 4);
+    g.fillText(`X off X_d: ${(1000 * size).toFixed(1)} mm`, centre[0], height - 18);
+    g.fillText(`radius ${1000 * half} mm`, centre[0], height - 4);
   }
 }

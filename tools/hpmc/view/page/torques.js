@@ -4,7 +4,7 @@ import { begin, colour, faded, line } from "./canvas.js";
 
 const WINDOW_S = 3;
 const SAID_EVERY_MS = 100;
-const STEPS_NM = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
+const STEPS_NM = [0.1, 0.2, 0.3, 0.5, 1, 1.5, 2, 3, 5, 7.5, 10, 15, 20, 30, 50];
 const LEFT = 38;
 const BOTTOM = 16;
 
