@@ -31,7 +31,7 @@ using namespace hpmc;
 namespace {
 
 constexpr std::size_t kMessagesPerCall = 64;
-constexpr std::size_t kStatesPerBatch = 4;
+constexpr std::size_t kStatesPerBatch = 8;
 constexpr int kReceiveBufferBytes = 8 << 20;
 constexpr std::int64_t kStatsPeriod_ms = 1000;
 constexpr std::uint32_t kSyncWord = 0xEDA1DA01U; ///< of an event in a log
@@ -41,7 +41,7 @@ constexpr std::size_t kInputMax = 4096;
 struct Options {
     std::string url = kDefaultTelemetryUrl;
     unsigned every = 8;
-    int batch_ms = 20;
+    int batch_ms = 50; ///< each batch costs the sandbox some 0.8 ms on its way out
 };
 
 std::int64_t now_ms() {

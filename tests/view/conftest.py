@@ -66,6 +66,9 @@ def sil_at_human_speed(url: str, log: Path) -> Iterator[subprocess.Popen[str]]:
         PROGRAMS["sil"], "--config", CONFIG / "clock.toml", "--set", "experiment.period_s=60",
         "--realtime", "--lcm-url", url, "--log", log,
     ) as run:  # fmt: skip
+        assert run.stdout is not None
+        line = run.stdout.readline()
+        assert line.startswith("PROGRESS"), line  # it has begun
         yield run
 
 
@@ -92,3 +95,10 @@ def run_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+
+
+@pytest.fixture(scope="session")
+def replay_url(run_log: Path) -> Iterator[str]:
+    """A viewer of that run."""
+    with viewer(run_log) as url:
+        yield url

@@ -7,7 +7,6 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from conftest import viewer
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -32,48 +31,45 @@ def socket_to(url: str, origin: str | None, host: str | None = None) -> ClientCo
     return connect(address, sock=raw, origin=origin, proxy=None, compression=None)
 
 
-def test_only_the_own_page_may_connect(run_log: Path) -> None:
-    with viewer(run_log) as url:
-        port = urlsplit(url).port
-        own = url.rstrip("/")
-        assert get(url)[0] == 200
-        for name in ("main.js", "arm.js", "style.css", "icon.svg"):
-            assert get(url, f"/{name}")[0] == 200
-        assert get(url, "/", Origin=own)[0] == 200
-        with socket_to(url, own) as page:
-            assert json.loads(page.recv(timeout=20))["type"] == "hello"
-        with socket_to(url, f"http://localhost:{port}", f"localhost:{port}") as page:
-            assert json.loads(page.recv(timeout=20))["type"] == "hello"
+def test_only_the_own_page_may_connect(replay_url: str) -> None:
+    port = urlsplit(replay_url).port
+    own = replay_url.rstrip("/")
+    assert get(replay_url)[0] == 200
+    for name in ("main.js", "arm.js", "style.css", "icon.svg"):
+        assert get(replay_url, f"/{name}")[0] == 200
+    assert get(replay_url, "/", Origin=own)[0] == 200
+    with socket_to(replay_url, own) as page:
+        assert json.loads(page.recv(timeout=20))["type"] == "hello"
+    with socket_to(replay_url, f"http://localhost:{port}", f"localhost:{port}") as page:
+        assert json.loads(page.recv(timeout=20))["type"] == "hello"
 
-        for origin in (
-            None, "null", "http://evil.example", f"https://127.0.0.1:{port}", "http://127.0.0.1",
-            f"http://127.0.0.1:{port}.evil.example", f"http://localhost:{port}",
-        ):  # fmt: skip
-            with pytest.raises(InvalidStatus) as refusal:
-                socket_to(url, origin)
-            assert refusal.value.response.status_code == 403
-        # A name of somebody else's that now points here (DNS rebinding).
-        for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port}.evil.example"):
-            assert get(url, "/", Host=host)[0] == 403
+    for origin in (
+        None, "null", "http://evil.example", f"https://127.0.0.1:{port}", "http://127.0.0.1",
+        f"http://127.0.0.1:{port}.evil.example", f"http://localhost:{port}",
+    ):  # fmt: skip
         with pytest.raises(InvalidStatus) as refusal:
-            socket_to(url, f"http://evil.example:{port}", f"evil.example:{port}")
+            socket_to(replay_url, origin)
         assert refusal.value.response.status_code == 403
-        assert get(url, "/", Origin="http://evil.example")[0] == 403
+    # A name of somebody else's that now points here (DNS rebinding).
+    for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port}.evil.example"):
+        assert get(replay_url, "/", Host=host)[0] == 403
+    with pytest.raises(InvalidStatus) as refusal:
+        socket_to(replay_url, f"http://evil.example:{port}", f"evil.example:{port}")
+    assert refusal.value.response.status_code == 403
+    assert get(replay_url, "/", Origin="http://evil.example")[0] == 403
 
 
-def test_only_files_of_the_page_are_given(run_log: Path) -> None:
-    with viewer(run_log) as url:
-        for path in ("/server.py", "/../server.py", "/%2e%2e/server.py", "//etc/passwd", "/page"):
-            assert get(url, path)[0] == 404
+def test_only_files_of_the_page_are_given(replay_url: str) -> None:
+    for path in ("/server.py", "/../server.py", "/%2e%2e/server.py", "//etc/passwd", "/page"):
+        assert get(replay_url, path)[0] == 404
 
 
-def test_it_listens_on_this_machine_only(run_log: Path) -> None:
-    with viewer(run_log) as url:
-        port = f"{urlsplit(url).port:04X}"
-        for table in ("tcp", "tcp6"):
-            rows = [row.split() for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]]
-            listening = [row[1] for row in rows if row[3] == "0A" and row[1].endswith(f":{port}")]
-            assert listening == (["0100007F:" + port] if table == "tcp" else [])
+def test_it_listens_on_this_machine_only(replay_url: str) -> None:
+    port = f"{urlsplit(replay_url).port:04X}"
+    for table in ("tcp", "tcp6"):
+        rows = [row.split() for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]]
+        listening = [row[1] for row in rows if row[3] == "0A" and row[1].endswith(f":{port}")]
+        assert listening == (["0100007F:" + port] if table == "tcp" else [])
 
 
 @pytest.mark.parametrize("text", [
@@ -86,17 +82,16 @@ def test_what_is_no_command_is_told_apart(text: str) -> None:
         command_of(text)
 
 
-def test_what_is_no_command_closes_that_page_only(run_log: Path) -> None:
-    with viewer(run_log) as url:
-        own = url.rstrip("/")
-        with socket_to(url, own) as good, socket_to(url, own) as bad:
-            bad.send("rubbish")
-            with pytest.raises(ConnectionClosed):
-                while True:
-                    bad.recv(timeout=20)
-            good.send('{"do": "seek", "t": 5.0}')
-            while not json.loads(good.recv(timeout=20)).get("playhead", 0) >= 5.0:
-                pass
+def test_what_is_no_command_closes_that_page_only(replay_url: str) -> None:
+    own = replay_url.rstrip("/")
+    with socket_to(replay_url, own) as good, socket_to(replay_url, own) as bad:
+        bad.send("rubbish")
+        with pytest.raises(ConnectionClosed):
+            while True:
+                bad.recv(timeout=20)
+        good.send('{"do": "seek", "t": 5.0}')
+        while not json.loads(good.recv(timeout=20)).get("playhead", 0) >= 5.0:
+            pass
 
 
 def test_a_slow_page_skips_pictures_and_counts_them() -> None:

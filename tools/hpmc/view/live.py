@@ -14,6 +14,7 @@ from hpmc.lcm_log import SYNC_WORD
 _HEADER = struct.Struct(">Iqqii")  # of an event in a log
 _CHUNK_BYTES = 1 << 16
 _LONGEST_EVENT = 1 << 16
+_START_S = 20.0
 _END_S = 5.0
 
 
@@ -101,10 +102,15 @@ class Relay:
 async def telemetry_flows(url: str, patience_s: float) -> bool:
     """Whether somebody publishes a run's telemetry on this machine's LCM address."""
     async with Relay(relay_command(None, url)) as relay:
+        listening = False
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s):
+            async with asyncio.timeout(_START_S) as limit:
                 async for events in relay.batches():
                     if any(channel == "HPMC_STATE" for channel, _ in events):
                         return True
+                    if not listening:
+                        # The relay says something at once: patience counts from there.
+                        listening = True
+                        limit.reschedule(asyncio.get_running_loop().time() + patience_s)
                 raise LiveError(relay.complaint() or "the relay ended")
     return False

@@ -128,7 +128,8 @@ class LiveShow:
     def _take_info(self, info: dict[str, Any]) -> None:
         rig = rig_picture(info)
         if self._hello is None or self._hello["rig"] != rig:
-            self._nodes.clear()
+            if self._hello is not None:
+                self._nodes.clear()  # those of another run on the same address
             self._hello = {"type": "hello", "kind": "live", "name": self.name, "rig": rig}
             for outbox in self._outboxes:
                 outbox.put(self._hello)

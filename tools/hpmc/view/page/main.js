@@ -20,6 +20,9 @@ const nodesView = new NodesView(at("nodes"));
 let hello = null;
 let states = [];
 let nodes = [];
+let waiting = []; // states that came in and are to be shown in a moment: {due, state}
+let between = 50; // ms from message to message, live
+let arrival = performance.now();
 let playing = true;
 let scrubbing = false;
 let frozen = false;
@@ -47,21 +50,43 @@ function onMessage(message) {
   stats.states += message.states.length;
   lost = message.lost ?? 0;
   if (frozen) return;
-  const begins = message.states[0]?.t ?? Infinity;
-  // A reset, or a new run on the same address.
-  if (message.reset || (states.length && begins < states.at(-1).t)) states = [];
-  states.push(...message.states);
-  const oldest = (states.at(-1)?.t ?? 0) - KEPT_S;
-  const first = states.findIndex((state) => state.t > oldest);
-  if (first > 0) states.splice(0, first);
   nodes = message.nodes;
-  if ("playhead" in message) followPlayer(message);
+  if ("playhead" in message) {
+    if (message.reset) states = [];
+    message.states.forEach(keep);
+    followPlayer(message);
+    fresh = true;
+  } else {
+    spread(message.states);
+  }
+}
+
+// A live run's states come a few at a time: they are shown one after the other until the next come.
+function spread(arrived) {
+  const now = performance.now();
+  between = 0.9 * between + 0.1 * Math.min(now - arrival, 2 * between);
+  arrival = now;
+  arrived.forEach((state, i) => waiting.push({ due: now + (between * i) / arrived.length, state }));
+}
+
+function release(now) {
+  let count = waiting.findIndex(({ due }) => due > now);
+  if (count < 0) count = waiting.length;
+  if (!count) return;
+  waiting.splice(0, count).forEach(({ state }) => keep(state));
   fresh = true;
+}
+
+function keep(state) {
+  if (states.length && state.t < states.at(-1).t) states = []; // a new run on the same address
+  states.push(state);
+  while (states[0].t < state.t - KEPT_S) states.shift();
 }
 
 function greet(message) {
   hello = message;
   states = [];
+  waiting = [];
   fresh = true;
   const replay = hello.kind === "replay";
   at("name").textContent = hello.name;
@@ -190,6 +215,7 @@ function frame(now) {
   requestAnimationFrame(frame);
   perSecond(now);
   now = performance.now();
+  release(now);
   if (!fresh && !wish) return;
   const rig = hello?.rig;
   const state = states.at(-1);
