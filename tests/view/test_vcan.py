@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from conftest import process, until, viewer
 from websockets.sync.client import connect
 
-from hpmc.layout import PROGRAMS, ROOT
+from hpmc.layout import ROOT
 from hpmc.lcm_log import LcmLog
 from hpmc.view.live import sandboxes
 
@@ -50,17 +50,20 @@ def test_target_dragged_in_a_vcan_run_whose_log_repeats_it_in_sil(tmp_path: Path
     (target,) = [m for m in log.messages("ARM_TARGET") if m["target"] == -1]
     assert target["x_t_m"] == ASKED
 
-    again = tmp_path / "again.lcmlog"
+    again = tmp_path / "sil"
     with process(
-        PROGRAMS["sil"], "--config", folder / "config.toml", "--log", again,
-        "--targets", folder / "run.lcmlog",
+        sys.executable, "-m", "hpmc", "run", "clock", "--mode", "sil", "--no-figures",
+        "--out", again, "--config", folder / "config.toml", "--targets", folder,
     ) as repetition:  # fmt: skip
+        assert repetition.stdout is not None
+        said = repetition.stdout.read()
         assert repetition.wait(120) == 0
+    assert "targets from outside: 1;" in said
     periods = round(1000 * last["t"])
     assert periods > target["utime"] / 1000 + 1000 * AFTER_S - 2
     states = list(log.raw_messages("ARM_STATE"))[:periods]
     assert len(states) == periods
-    assert states == list(LcmLog(again).raw_messages("ARM_STATE"))[:periods]
+    assert states == list(LcmLog(again / "run.lcmlog").raw_messages("ARM_STATE"))[:periods]
 
 
 def test_viewer_ends_with_the_run(tmp_path: Path) -> None:

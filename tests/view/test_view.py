@@ -1,6 +1,7 @@
 """Parts of ./rig view without a browser: which run, what it says, words, the relay."""
 
 import asyncio
+import json
 import os
 import re
 import socket
@@ -170,3 +171,22 @@ def test_sandboxes_of_runs_are_found_by_name() -> None:
         fake.bind(f"\0with-vcan/{os.geteuid()}/run-{os.getpid()}")
         assert f"run-{os.getpid()}" in live.sandboxes()
     assert f"run-{os.getpid()}" not in live.sandboxes()
+
+
+def test_publishing_at_human_speed_changes_nothing(tmp_path: Path, lcm_url: str) -> None:
+    """`./rig run --mode sil` with --lcm-url and --pace realtime beside a plain one."""
+    short = ("--mode", "sil", "--no-figures", "--set", "experiment.period_s=0.2")
+    ways = {"plain": (), "live": ("--lcm-url", lcm_url, "--pace", "realtime")}
+    logs = {}
+    for name, options in ways.items():
+        folder = tmp_path / name
+        subprocess.run(
+            [sys.executable, "-m", "hpmc", "run", "clock", *short, *options, "--out", folder],
+            cwd=ROOT, env=ENVIRONMENT, check=True, stdout=subprocess.DEVNULL, timeout=120,
+        )  # fmt: skip
+        logs[name] = LcmLog(folder / "run.lcmlog")
+    assert logs["plain"].channels == logs["live"].channels
+    for channel in logs["plain"].channels:
+        assert [*logs["plain"].raw_messages(channel)] == [*logs["live"].raw_messages(channel)]
+    summary = json.loads((tmp_path / "live" / "summary.json").read_text())
+    assert summary["pace"] is not None and summary["real_time_factor"] < 1.05

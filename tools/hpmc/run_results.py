@@ -84,10 +84,10 @@ def write_results(
     summary = build_summary(facts, analysis, geometry)
     if outside := total(outcome.stats, "outside_targets"):
         console.print(
-            f"{outside} targets came from outside: the figures of those reaches mean little"
+            f"targets from outside: {outside}; the figures of those reaches mean little"
         )
     if refused := total(outcome.stats, "outside_targets_refused", "outside_targets_dropped"):
-        console.print(f"{refused} targets from outside were refused: none acts between the reaches")
+        console.print(f"targets from outside that were refused: {refused}; none acts between the reaches")
     if analysis.incomplete:
         console.print(f"{analysis.incomplete} reaches lack samples and are left out")
     for damage in analysis.damage:
