@@ -87,7 +87,9 @@ def write_results(
             f"targets from outside: {outside}; the figures of those reaches mean little"
         )
     if refused := total(outcome.stats, "outside_targets_refused", "outside_targets_dropped"):
-        console.print(f"targets from outside that were refused: {refused}; none acts between the reaches")
+        console.print(
+            f"targets from outside that were refused: {refused}; none acts between the reaches"
+        )
     if analysis.incomplete:
         console.print(f"{analysis.incomplete} reaches lack samples and are left out")
     for damage in analysis.damage:
