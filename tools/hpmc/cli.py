@@ -7,6 +7,7 @@ MODULES = {
     "run": "hpmc.run_command",
     "view": "hpmc.view.command",
     "node": "hpmc.node",
+    "log": "hpmc.log",
     "bench": "hpmc.bench",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",
