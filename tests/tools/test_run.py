@@ -92,7 +92,7 @@ def test_the_experiment_is_asked_for(folder: Path, capsys: pytest.CaptureFixture
     assert run_command.main([]) == 2 and run_command.main(["watch"]) == 2
     missing, unknown = capsys.readouterr().err.splitlines()
     assert "required: experiment" in missing
-    assert "'watch' (choose from 'clock')" in unknown
+    assert "'watch' (choose from 'clock', 'figure_of_eight', 'wall')" in unknown
 
 
 def test_the_output_folder_must_be_new_or_empty(

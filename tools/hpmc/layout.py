@@ -8,7 +8,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILD = Path(os.environ.get("HPMC_BUILD", ROOT / "build" / "host"))
 NUMBERS = "fixed" if BUILD.name == "host-fixed" else "float"  # of the joint controllers
 CONFIG = ROOT / "sim_host" / "config"
-RUNS = ROOT / "runs"
+RUNS = Path(os.environ.get("HPMC_RUNS", ROOT / "runs"))
 WITH_VCAN = ROOT / "tools" / "with-vcan"
 LAUNCHER = ROOT / "tools" / "hpmc" / "launcher.py"
 

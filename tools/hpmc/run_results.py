@@ -12,6 +12,7 @@ from hpmc.layout import NUMBERS
 from hpmc.modes.job import Outcome
 
 SYNC_PERIOD_S = 0.001
+WHOLE_CLOCK = 16  # reaches to all targets and back: what the pictures and the paper show
 
 
 def total(stats: list[dict[str, Any]], *keys: str) -> int:
@@ -96,10 +97,30 @@ def write_results(
         console.print(f"[yellow]{damage}[/]")
     if level == "full":
         write_candump([LcmLog(path) for path in outcome.logs], folder / "candump.log")
-    if experiment.figures:
+    whole_clock = configuration.reaches_per_repetition == WHOLE_CLOCK and (
+        values["experiment"]["path"] == "clock"
+    )
+    if experiment.figures and whole_clock:
         from hpmc.figures import draw_all
 
         draw_all(analysis, folder, geometry)
     # Last, so that a folder with a summary is a complete one.
     write_summary(summary, folder / "summary.json")
-    print_summary(summary, console)
+    print_summary(summary, console, experiment.name, beside_paper=whole_clock)
+    if values["wall"]["surface"] != "none" and not console.quiet:
+        print_contact(folder, console)
+
+
+def print_contact(folder: Path, console: Console) -> None:
+    """What happened at the wall, and where the energy went."""
+    from hpmc.api import load
+    from hpmc.contact import first_contact
+    from hpmc.energy import audit
+
+    run = load(folder)
+    try:
+        contact = first_contact(run).in_words()
+    except ValueError as error:
+        contact = f"contact: {error}"
+    for line in (contact, audit(run).in_words()):
+        console.print(line, soft_wrap=True)
