@@ -5,6 +5,7 @@ import datetime
 import itertools
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -52,7 +53,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--mode",
         choices=tuple(MODES),
         default="vcan",
-        help="sil: one process; vcan: one process per box, on a CAN bus (default)",
+        help="sil: one process; vcan: one process per box, on a CAN bus (default); "
+        "emulated: as sil, nodes are the flash image on an emulated Cortex-M4",
     )
     parser.add_argument(
         "--sensors",
@@ -224,8 +226,9 @@ def execute(experiment: Experiment, console: Console) -> Path:
         raise ConfigurationError(
             f"there is no mode '{experiment.mode}' (choose from {', '.join(MODES)})"
         )
-    configuration = experiment.load()
     mode = MODES[experiment.mode]
+    experiment = replace(experiment, overrides=[*mode.overrides, *experiment.overrides])
+    configuration = experiment.load()
     mode.check(experiment, configuration)
     level = experiment.log_level(configuration)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")

@@ -75,8 +75,7 @@ static bool tick(int64_t now, device_t *device) {
     device->frame_count = 0;
     device->torque_Nm = output.output_enabled ? (double)output.torque_mNm / 1000.0 : 0.0;
     if (output.reset_requested) {
-        device->config.supervisor_reset = false;
-        motor_node_init(&device->config, &device->node);
+        motor_node_restart(&device->config, &device->node);
     }
     /* A bus that takes no frames loses them, as a controller does whose mailboxes stay full. */
     return follow_node_id(device) &&

@@ -1,9 +1,10 @@
 """The modes of the rig by name (docs/architecture.md)."""
 
-from hpmc.modes import sil, vcan
+from hpmc.modes import emulated, sil, vcan
 from hpmc.modes.job import Job, Mode, Outcome
 
 MODES = {
+    "emulated": Mode(emulated.check, emulated.run, emulated.OVERRIDES),
     "sil": Mode(sil.check, sil.run),
     "vcan": Mode(vcan.check, vcan.run),
 }

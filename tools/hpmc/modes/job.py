@@ -47,3 +47,4 @@ class Mode:
 
     check: Callable[[Experiment, Configuration], None]  # raises ConfigurationError
     run: Callable[[Job], Outcome]
+    overrides: tuple[str, ...] = ()  # section.key=value that the mode brings, under the user's own
