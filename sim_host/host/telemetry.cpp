@@ -68,8 +68,21 @@ bool Telemetry::target_changed(const HostCycle &cycle) {
     arm_target_.x_t_m[1] = point.x_t_m.y();
     const bool home = point.target != 0 && point.reach % 2 != 0;
     arm_target_.target = home ? 0 : (point.target != 0 ? point.target : kWaypoint);
-    // Numbered by the schedule, so that it grows through repetitions whoever runs them.
-    arm_target_.seq = point.target_seq;
+    // Numbered by the schedule, so that it grows through repetitions whoever runs them, and by the
+    // targets from outside in between.
+    arm_target_.seq =
+        point.target_seq + cycle.outside_targets() - (cycle.outside_target_began() ? 1 : 0);
+    return true;
+}
+
+bool Telemetry::outside_target_began(const HostCycle &cycle) {
+    if (!cycle.outside_target_began()) {
+        return false;
+    }
+    arm_target_.utime = cycle.state().utime;
+    std::copy_n(cycle.state().x_t_m, 2, arm_target_.x_t_m);
+    arm_target_.target = kOutsideTarget;
+    arm_target_.seq = cycle.schedule_point().target_seq + cycle.outside_targets();
     return true;
 }
 

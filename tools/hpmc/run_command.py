@@ -13,7 +13,7 @@ from rich.console import Console
 
 from hpmc.configuration import Configuration, ConfigurationError, experiments
 from hpmc.experiment import FULL_LOG_REACHES, Experiment, override_lines
-from hpmc.layout import RUNS
+from hpmc.layout import DEFAULT_TELEMETRY_URL, RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
 from hpmc.modes.vcan import sandbox_name
@@ -87,7 +87,7 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--pace",
         choices=("lockstep", "realtime"),
         default="lockstep",
-        help="as fast as it goes (default), or held to the wall clock (vcan)",
+        help="as fast as it goes (default), or held to the wall clock",
     )
     parser.add_argument(
         "--jobs",
@@ -112,6 +112,18 @@ def parse(argv: Sequence[str]) -> Experiment:
         action="store_true",
         help="vcan inside user-mode Linux even where the kernel has CAN",
     )
+    parser.add_argument(
+        "--lcm-url",
+        metavar="URL",
+        help="sil: publish what happens there while it happens, and take targets (ARM_TARGET) "
+        f"from there, e.g. {DEFAULT_TELEMETRY_URL}; vcan does so in its sandbox anyway",
+    )
+    parser.add_argument(
+        "--targets",
+        type=Path,
+        metavar="RUN",
+        help="folder of a run: the targets that came from outside act again, at their time",
+    )
     parser.add_argument("--no-figures", action="store_true", help="no pictures")
     options = parser.parse_args(argv)
     return Experiment(
@@ -126,6 +138,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         out=options.out,
         uml=options.uml,
         figures=not options.no_figures,
+        lcm_url=options.lcm_url,
+        targets=options.targets,
     )
 
 
@@ -221,6 +235,7 @@ def execute(experiment: Experiment, console: Console) -> Path:
     level = experiment.log_level(configuration)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (experiment.out or RUNS / f"{now}-{experiment.name}-{experiment.mode}").absolute()
+    targets = experiment.targets_log()
     if experiment.out:
         check_folder(folder)
     check_space(folder, log_bytes(configuration, level) + candump_bytes(configuration, level))
@@ -237,6 +252,8 @@ def execute(experiment: Experiment, console: Console) -> Path:
         jobs=experiment.jobs,
         realtime=experiment.pace == "realtime",
         uml=experiment.uml,
+        lcm_url=experiment.lcm_url,
+        targets=targets,
     )
     with bar.bar:
         outcome = mode.run(job)
