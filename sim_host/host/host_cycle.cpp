@@ -108,10 +108,10 @@ Eigen::Vector2d HostCycle::reachable(const Eigen::Vector2d &x_m) const {
     return inverse.saturated ? arm_.link_ends(inverse.q_rad)[hand] : x_m;
 }
 
-/// A target from outside acts during the reaches, until the schedule's next change of target.
+/// A target from outside acts during the reaches, until the next reach begins.
 void HostCycle::choose_target(const std::optional<Eigen::Vector2d> &outside_m) {
     const bool reaching = point_.reach >= 0;
-    if (!reaching || point_.target_changes) {
+    if (!reaching || point_.reach_begins) {
         outside_m_.reset();
     }
     outside_began_ = outside_m.has_value() && reaching && !stopping_ && outside_m->allFinite();

@@ -425,7 +425,7 @@ void step_until(NodeBench &bench, std::int64_t period) {
 
 } // namespace
 
-TEST_CASE("a target from outside acts until the schedule's next change of target") {
+TEST_CASE("a target from outside acts until the next reach begins") {
     NodeBench bench(short_reaches());
     step_until(bench, 1010);
     const Eigen::Vector2d scheduled = x_t(bench);

@@ -225,7 +225,7 @@ def test_overrides_by_key() -> None:
         (Experiment(mode="sim"), "there is no mode 'sim' .choose from sil, "),
         (short(overrides={"experiment.seed": -1}), "experiment.seed: must be a whole number"),
         (short(overrides={"wall.stifness_N_m": 1e4}), "did you mean 'wall.stiffness_N_m'"),
-        (short(pace="realtime"), "--pace realtime and --uml: go with --mode vcan"),
+        (short(uml=True), "--uml: goes with --mode vcan"),
     ],
 )
 def test_a_bad_experiment_makes_nothing(

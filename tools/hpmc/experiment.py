@@ -28,7 +28,7 @@ class Experiment:
     out: Path | None = None  # folder to make; runs/TIME-NAME-MODE when left out
     uml: bool = False
     figures: bool = True
-    lcm_url: str | None = None  # sil: where to publish what happens while it happens
+    lcm_url: str | None = None  # sil, emulated: where to publish what happens while it happens
     targets: Path | None = None  # a run whose targets from outside act again
 
     def load(self) -> Configuration:

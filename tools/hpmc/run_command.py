@@ -115,8 +115,8 @@ def parse(argv: Sequence[str]) -> Experiment:
     parser.add_argument(
         "--lcm-url",
         metavar="URL",
-        help="sil: publish what happens there while it happens, and take targets (ARM_TARGET) "
-        f"from there, e.g. {DEFAULT_TELEMETRY_URL}; vcan does so in its sandbox anyway",
+        help="sil, emulated: publish what happens there while it happens, and take targets "
+        f"(ARM_TARGET) from there, e.g. {DEFAULT_TELEMETRY_URL}; vcan does so in its sandbox",
     )
     parser.add_argument(
         "--targets",

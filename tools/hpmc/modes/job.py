@@ -22,7 +22,7 @@ class Job:
     jobs: int = 1  # sil
     realtime: bool = False
     uml: bool = False  # vcan
-    lcm_url: str | None = None  # sil
+    lcm_url: str | None = None  # sil, emulated
     targets: Path | None = None  # log of a run whose targets from outside act again
 
     def targets_option(self) -> list[str]:
