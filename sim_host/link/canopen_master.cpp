@@ -339,12 +339,24 @@ void CanopenMaster::compose_cyclic(const std::array<JointCommand, kJoints> &comm
     }
 }
 
+void CanopenMaster::compose_sync(Frames &frames, std::size_t &count) {
+    sync_counter_ = sync_counter_ == kSyncCounterMax ? std::uint8_t{1}
+                                                     : static_cast<std::uint8_t>(sync_counter_ + 1);
+    frames[count++] = make_frame(kSync, {sync_counter_});
+}
+
 std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &commands,
                                    std::array<can_frame_t, kFramesMax> &frames) {
     std::size_t count = 0;
     bool cyclic = false;
     bool acyclic_sent = false;
     const MasterStage now = stage_;
+    const bool sync = now == MasterStage::enable || now == MasterStage::enabled ||
+                      now == MasterStage::stopping;
+    if (sync && config_.sync_first) {
+        compose_sync(frames, count);
+    }
+    const std::size_t heads = count;
     switch (now) {
     case MasterStage::reset:
         frames[count++] = make_frame(kNmt, {kNmtResetNode, 0});
@@ -377,8 +389,8 @@ std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &comm
         break;
     case MasterStage::stopping:
         compose_stopping(frames, count);
-        acyclic_sent = count > 0;
-        cyclic = count < kJoints;
+        acyclic_sent = count > heads;
+        cyclic = count - heads < kJoints;
         break;
     case MasterStage::stopped:
         if (periods_in_stage_ == 0) {
@@ -397,11 +409,8 @@ std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &comm
     if (cyclic) {
         compose_cyclic(commands, frames, count);
     }
-    if (cyclic || now == MasterStage::stopping) {
-        sync_counter_ = sync_counter_ == kSyncCounterMax
-                            ? std::uint8_t{1}
-                            : static_cast<std::uint8_t>(sync_counter_ + 1);
-        frames[count++] = make_frame(kSync, {sync_counter_});
+    if (sync && !config_.sync_first) {
+        compose_sync(frames, count);
     }
     if (stage_ == now) {
         ++periods_in_stage_;

@@ -34,6 +34,7 @@ struct CanopenMasterConfig {
     std::uint32_t heartbeat_periods = 100; ///< host heartbeat, in SYNC periods
     std::int8_t mode = -1;                 ///< 6060h
     std::uint32_t stop_periods = 200;      ///< longest wait for the ramp of a quick stop
+    bool sync_first = false;               ///< SYNC before the other frames of its period
 };
 
 /// Cyclic command of one joint: RPDO1.
@@ -105,6 +106,7 @@ class CanopenMaster {
     bool compose_configuration(Frames &frames, std::size_t &count);
     bool compose_enabling(Frames &frames, std::size_t &count);
     void compose_stopping(Frames &frames, std::size_t &count);
+    void compose_sync(Frames &frames, std::size_t &count);
     void compose_cyclic(const std::array<JointCommand, kJoints> &commands, Frames &frames,
                         std::size_t &count);
 
