@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include "host/run_schedule.h"
 #include "link/motor_node_od.h"
 
 namespace hpmc {

@@ -24,6 +24,8 @@ class Experiment:
     log: str | None = None  # full | states | none; by the number of reaches when left out
     out: Path | None = None  # folder to make; runs/TIME-NAME-MODE when left out
     uml: bool = False
+    can: str | None = None  # bench: CAN interface, or slcan:DEVICE
+    yes_move: bool = False  # bench: real joints may move
     figures: bool = True
 
     def load(self) -> Configuration:

@@ -14,6 +14,7 @@ LAUNCHER = ROOT / "tools" / "hpmc" / "launcher.py"
 
 PROGRAMS = {
     "arm_sim": BUILD / "sim_host" / "apps" / "arm_sim",
+    "bench_bridge": BUILD / "sim_host" / "apps" / "bench_bridge",
     "bench": BUILD / "sim_host" / "apps" / "rig_bench",
     "hpmc_config": BUILD / "sim_host" / "apps" / "hpmc_config",
     "hpmc_host": BUILD / "sim_host" / "apps" / "hpmc_host",

@@ -14,6 +14,7 @@ from hpmc.experiment import FULL_LOG_REACHES, Experiment
 from hpmc.layout import RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
+from hpmc.modes.bench import bus_load_percent
 from hpmc.modes.vcan import sandbox_name
 from hpmc.run_progress import ProgressBar
 from hpmc.run_results import write_results
@@ -51,7 +52,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--mode",
         choices=tuple(MODES),
         default="vcan",
-        help="sil: one process; vcan: one process per box, on a CAN bus (default)",
+        help="sil: one process; vcan: one process per box, on a CAN bus (default); "
+        "bench: real boards on a CAN interface, by the wall clock",
     )
     parser.add_argument(
         "--sensors",
@@ -82,7 +84,13 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--pace",
         choices=("lockstep", "realtime"),
         default="lockstep",
-        help="as fast as it goes (default), or held to the wall clock (vcan)",
+        help="as fast as it goes (default), or held to the wall clock (vcan; bench always is)",
+    )
+    parser.add_argument(
+        "--can", metavar="IFACE", help="bench: CAN interface, e.g. can0, or slcan:/dev/ttyACM0"
+    )
+    parser.add_argument(
+        "--yes-move", action="store_true", help="bench: real joints may move, all stand clear"
     )
     parser.add_argument(
         "--jobs",
@@ -113,13 +121,15 @@ def parse(argv: Sequence[str]) -> Experiment:
         name=options.experiment,
         mode=options.mode,
         config=options.config,
-        overrides=all_overrides(options),
+        overrides=[*MODES[options.mode].defaults, *all_overrides(options)],
         fixed=options.fixed,
         pace=options.pace,
         jobs=options.jobs,
         log=options.log,
         out=options.out,
         uml=options.uml,
+        can=options.can,
+        yes_move=options.yes_move,
         figures=not options.no_figures,
     )
 
@@ -166,15 +176,14 @@ def make_folder(folder: Path, configuration: Configuration) -> Path:
 def announce(
     experiment: Experiment, configuration: Configuration, level: str, console: Console
 ) -> None:
-    fits = (
-        ""
-        if configuration.bus_load_worst_percent <= 100.0
-        else " (a physical bus would need a slower SYNC)"
-    )
+    load_percent = configuration.bus_load_worst_percent
+    fits = "" if load_percent <= 100.0 else " (a physical bus would need a slower SYNC)"
+    if experiment.mode == "bench":
+        load_percent, fits = bus_load_percent(configuration), ""
     kept = "" if level != "none" else ", removed after the analysis"
     console.print(
         f"{configuration.reaches} reaches, {experiment.mode}; bus load at 1 Mbit/s at worst "
-        f"{configuration.bus_load_worst_percent:.1f} %{fits}; log {level}, "
+        f"{load_percent:.1f} %{fits}; log {level}, "
         f"about {log_bytes(configuration, level) / 1e6:.0f} MB{kept}"
     )
     if experiment.mode == "vcan":
@@ -206,6 +215,7 @@ def execute(experiment: Experiment, console: Console) -> Path:
         jobs=experiment.jobs,
         realtime=experiment.pace == "realtime",
         uml=experiment.uml,
+        can=experiment.can,
     )
     with bar.bar:
         outcome = mode.run(job)

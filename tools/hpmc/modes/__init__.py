@@ -1,11 +1,12 @@
 """The modes of the rig by name (docs/architecture.md)."""
 
-from hpmc.modes import sil, vcan
+from hpmc.modes import bench, sil, vcan
 from hpmc.modes.job import Job, Mode, Outcome
 
 MODES = {
     "sil": Mode(sil.check, sil.run),
     "vcan": Mode(vcan.check, vcan.run),
+    "bench": Mode(bench.check, bench.run, bench.DEFAULTS),
 }
 
 __all__ = ["MODES", "Job", "Mode", "Outcome"]

@@ -22,6 +22,7 @@ class Job:
     jobs: int = 1  # sil
     realtime: bool = False
     uml: bool = False  # vcan
+    can: str | None = None  # bench
 
 
 @dataclass
@@ -41,3 +42,4 @@ class Mode:
 
     check: Callable[[Experiment, Configuration], None]  # raises ConfigurationError
     run: Callable[[Job], Outcome]
+    defaults: tuple[str, ...] = ()  # section.key=value, over the file, under the command line
