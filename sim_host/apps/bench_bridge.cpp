@@ -1,6 +1,6 @@
 // bench_bridge: closes the loop between the simulated arm and nodes on a real bus. Each SYNC period
-// the newest angles go to the nodes as RPDO4, which steps them, and the torques of their TPDO1 go to
-// arm_sim. Boards speak CAN only: this is their place in the lockstep of arm_sim.
+// the newest angles go to the nodes as RPDO4, which steps them, and the torques of their TPDO1 go
+// to arm_sim. Boards speak CAN only: this is their place in the lockstep of arm_sim.
 
 #include <algorithm>
 
@@ -41,8 +41,9 @@ struct Options {
 class Bridge {
   public:
     Bridge(const Options &options, const RunConfig &config)
-        : reply_timeout_ms_(options.reply_timeout_ms), config_(config), schedule_(config),
-          clock_{config.joint_ticks()}, sensors_(config.joint.increments_per_revolution),
+        : reply_timeout_ms_(options.reply_timeout_ms), config_(config),
+          schedule_(config), clock_{config.joint_ticks()},
+          sensors_(config.joint.increments_per_revolution),
           bus_(options.can, {{kSync, 0x7FF}, {kTpdo1, 0x780}}),
           arm_(options.plant_url, "ARM_STATE", options.stall_timeout_ms),
           closed_(options.plant_url, "BUS_CLOSED", options.stall_timeout_ms),

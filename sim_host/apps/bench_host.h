@@ -1,6 +1,6 @@
 /**
- * hpmc_host on a real bus: the same cycle as in lockstep, begun by the wall clock. Nothing waits for
- * frames: what has arrived by the cycle's time counts.
+ * hpmc_host on a real bus: the same cycle as in lockstep, begun by the wall clock. Nothing waits
+ * for frames: what has arrived by the cycle's time counts.
  *
  * With injected sensors (a simulated arm, stepped nodes) a cycle that is not through is waited for
  * and counted, since node time stands still meanwhile. Without (a real arm, free-running nodes) the

@@ -29,6 +29,7 @@ CanopenMasterConfig master_config(const RunConfig &config) {
     master.mode = kCyclicSynchronousTorque;
     master.stop_periods = periods(config.joint.ramp_s) + kStopMarginPeriods;
     master.sync_first = true;
+    master.wall_clock = true;
     return master;
 }
 
@@ -183,8 +184,8 @@ void EncoderCheck::step(const can_frame_t *frames, std::size_t count, HostCycleO
         commands[joint].position_inc = master_.node(joint).position_inc;
         if (joint == joint_ && stage_ != Stage::stop) {
             commands[joint].torque_mNm = static_cast<std::int16_t>(std::lround(torque_Nm_ * 1e3));
-            commands[joint].torque_max_mNm = static_cast<std::uint16_t>(std::lround(
-                config_.bench.check_torque_Nm[static_cast<Eigen::Index>(joint)] * 1e3));
+            commands[joint].torque_max_mNm = static_cast<std::uint16_t>(
+                std::lround(config_.bench.check_torque_Nm[static_cast<Eigen::Index>(joint)] * 1e3));
         }
     }
     output.frame_count = master_.compose(commands, output.frames);

@@ -1,12 +1,12 @@
 /**
  * Before the first motion of real joints: does each encoder read what the arm's posture says, and
- * does it count the way its motor turns? One joint at a time is pushed with a small torque (mode 10,
- * cyclic synchronous torque) until it has moved a little, then braked; the others are without
+ * does it count the way its motor turns? One joint at a time is pushed with a small torque (mode
+ * 10, cyclic synchronous torque) until it has moved a little, then braked; the others are without
  * torque. One call to step() per SYNC period; it knows no clock.
  *
  * Ends with the nodes stopped, after a fault too: an angle further from home than
- * bench.check_tolerance_rad, a joint that moves against its torque, does not move, or moves too far,
- * and what the master watches.
+ * bench.check_tolerance_rad, a joint that moves against its torque, does not move, or moves too
+ * far, and what the master watches.
  */
 #pragma once
 

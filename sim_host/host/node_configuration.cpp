@@ -29,8 +29,7 @@ std::uint32_t heartbeat_consumer(std::uint32_t node_id, const RunConfig &config)
     return node_id << 16U | unsigned_ms(config.bus.heartbeat_timeout_ms);
 }
 
-std::vector<SdoWrite> one_node(const RunConfig &config, TimeBase time_base,
-                               std::uint32_t node_id) {
+std::vector<SdoWrite> one_node(const RunConfig &config, TimeBase time_base, std::uint32_t node_id) {
     using namespace motor_node_od;
     const JointConfig &joint = config.joint;
     const double torque_limit_Nm =

@@ -198,9 +198,10 @@ void CanopenMaster::watch() {
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         NodeView &node = nodes_[joint];
         const bool cyclic = stage_ == MasterStage::enable || stage_ == MasterStage::enabled;
+        const std::uint32_t owed = config_.wall_clock && node.periods_without_tpdo1 > 0 ? 2U : 1U;
         node.periods_without_tpdo1 = node.tpdo1_in_period == 0 ? node.periods_without_tpdo1 + 1 : 0;
         if (cyclic && periods_in_stage_ > 0) {
-            if (node.tpdo1_in_period > 1) {
+            if (node.tpdo1_in_period > owed) {
                 fail(joint,
                      "sent " + std::to_string(node.tpdo1_in_period) + " TPDO1 in one period");
             } else if (node.periods_without_tpdo1 >= kSilentPeriods &&
@@ -351,8 +352,8 @@ std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &comm
     bool cyclic = false;
     bool acyclic_sent = false;
     const MasterStage now = stage_;
-    const bool sync = now == MasterStage::enable || now == MasterStage::enabled ||
-                      now == MasterStage::stopping;
+    const bool sync =
+        now == MasterStage::enable || now == MasterStage::enabled || now == MasterStage::stopping;
     if (sync && config_.sync_first) {
         compose_sync(frames, count);
     }

@@ -35,6 +35,7 @@ struct CanopenMasterConfig {
     std::int8_t mode = -1;                 ///< 6060h
     std::uint32_t stop_periods = 200;      ///< longest wait for the ramp of a quick stop
     bool sync_first = false;               ///< SYNC before the other frames of its period
+    bool wall_clock = false; ///< a TPDO1 may come a period late: two are no fault after none
 };
 
 /// Cyclic command of one joint: RPDO1.

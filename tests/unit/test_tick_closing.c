@@ -13,8 +13,7 @@ void setUp(void) {
     elapsed_us = 77;
 }
 
-void tearDown(void) {
-}
+void tearDown(void) {}
 
 static tick_closing_event_t receive(uint16_t id, uint8_t len, uint8_t tick) {
     const can_frame_t frame = {.id = id, .len = len, .data = {0, 0, 0, 0, tick}};

@@ -134,8 +134,7 @@ static bool run(device_t *device) {
     struct pollfd data = {.fd = device->can.fd, .events = POLLIN};
     while (!stop_signal_raised()) {
         const bool stepped = device->node.od.time_base != 0U;
-        const int64_t rest_ns =
-            stepped ? STEPPED_WAIT_ns : device->schedule.next_ns - now_ns();
+        const int64_t rest_ns = stepped ? STEPPED_WAIT_ns : device->schedule.next_ns - now_ns();
         const struct timespec wait = {.tv_sec = rest_ns / 1000000000,
                                       .tv_nsec = rest_ns % 1000000000};
         if (rest_ns > 0 && ppoll(&data, 1, &wait, NULL) > 0) {
