@@ -23,9 +23,14 @@ using namespace hpmc;
 
 namespace {
 
+constexpr std::uint16_t kNmt = 0x000;
 constexpr std::uint16_t kSync = 0x080;
 constexpr std::uint16_t kTpdo1 = 0x180;
-constexpr int kSettle_ms = 2; ///< a SYNC, or answers in a period without, may still be on their way
+constexpr std::uint16_t kSdoAnswer = 0x580;
+constexpr std::uint16_t kSdoRequest = 0x600;
+constexpr std::uint16_t kHeartbeat = 0x700;
+constexpr std::uint8_t kNmtResetNode = 0x81;
+constexpr int kSettle_ms = 2;     ///< in a period without SYNC: it may still be on its way
 constexpr int kSilentPeriods = 2; ///< a node silent for so long is no longer waited for
 constexpr std::array<const char *, kNodes> kTorqueChannels{"JOINT_TORQUE_1", "JOINT_TORQUE_2",
                                                            "JOINT_TORQUE_3"};
@@ -35,7 +40,14 @@ struct Options {
     std::string can = "vcan0";
     std::string plant_url = kDefaultPlantUrl;
     int stall_timeout_ms = 10000;
-    int reply_timeout_ms = 200;
+    int reply_timeout_ms = 500;
+};
+
+/// What a node owes in this period.
+struct Owed {
+    bool tpdo1 = false;   ///< to SYNC
+    bool answer = false;  ///< to an SDO request
+    bool boot_up = false; ///< after a reset
 };
 
 class Bridge {
@@ -44,7 +56,12 @@ class Bridge {
         : reply_timeout_ms_(options.reply_timeout_ms), config_(config),
           schedule_(config), clock_{config.joint_ticks()},
           sensors_(config.joint.increments_per_revolution),
-          bus_(options.can, {{kSync, 0x7FF}, {kTpdo1, 0x780}}),
+          bus_(options.can, {{kNmt, 0x7FF},
+                             {kSync, 0x7FF},
+                             {kTpdo1, 0x780},
+                             {kSdoAnswer, 0x780},
+                             {kSdoRequest, 0x780},
+                             {kHeartbeat, 0x780}}),
           arm_(options.plant_url, "ARM_STATE", options.stall_timeout_ms),
           closed_(options.plant_url, "BUS_CLOSED", options.stall_timeout_ms),
           sender_(options.plant_url) {}
@@ -73,11 +90,15 @@ class Bridge {
         closed_.await(period, bus_closed_); // the host's frames are on the bus
         received_.count = 0;
         sync_seen_ = false;
-        replied_ = {};
+        for (Owed &owed : owed_) {
+            owed = {.tpdo1 = false, .answer = false, .boot_up = reset_};
+        }
+        reset_ = false;
         bus_.receive_available(received_);
-        sort_out(0);
-        replies_late_ += std::count(replied_.begin(), replied_.end(), true);
-        replied_ = {};
+        for (std::size_t i = 0; i < received_.count; ++i) {
+            on_host_frame(received_.frames[i]);
+            replies_late_ += node_of(received_.frames[i], kTpdo1) > 0 ? 1 : 0;
+        }
 
         PeriodFrames frames;
         sensors_.inject({arm_state_.q_rad[0], arm_state_.q_rad[1], arm_state_.q_rad[2]}, period,
@@ -87,22 +108,44 @@ class Bridge {
         publish_torques(period);
     }
 
-    /// Looks at what has come since `from`.
-    void sort_out(std::size_t from) {
-        for (std::size_t i = from; i < received_.count; ++i) {
-            const can_frame_t &frame = received_.frames[i];
-            sync_seen_ = sync_seen_ || frame.id == kSync;
-            const std::size_t node = static_cast<std::size_t>(frame.id - kTpdo1);
-            if (frame.id > kTpdo1 && node <= kNodes) {
-                replied_[node - 1] = true;
-                periods_silent_[node - 1] = 0;
+    /// 1..kNodes when the frame is of this function and of one of the nodes, else 0.
+    static std::size_t node_of(const can_frame_t &frame, std::uint16_t function) {
+        const std::size_t node = static_cast<std::size_t>(frame.id - function);
+        return frame.id > function && node <= kNodes ? node : 0;
+    }
+
+    void on_host_frame(const can_frame_t &frame) {
+        if (frame.id == kSync) {
+            sync_seen_ = true;
+            for (Owed &owed : owed_) {
+                owed.tpdo1 = true;
             }
+        } else if (frame.id == kNmt && frame.len == 2 && frame.data[0] == kNmtResetNode) {
+            reset_ = true; // a node boots with the step after the one that it is reset in
+        } else if (const std::size_t node = node_of(frame, kSdoRequest)) {
+            owed_[node - 1].answer = true;
         }
     }
 
+    void on_node_frame(const can_frame_t &frame) {
+        if (const std::size_t node = node_of(frame, kTpdo1)) {
+            owed_[node - 1].tpdo1 = false;
+            periods_silent_[node - 1] = 0;
+        } else if (const std::size_t server = node_of(frame, kSdoAnswer)) {
+            owed_[server - 1].answer = false;
+            periods_silent_[server - 1] = 0;
+        } else if (const std::size_t booted = node_of(frame, kHeartbeat)) {
+            owed_[booted - 1].boot_up = owed_[booted - 1].boot_up && frame.data[0] != 0;
+            periods_silent_[booted - 1] = 0;
+        }
+    }
+
+    bool owes(std::size_t i) const { return owed_[i].tpdo1 || owed_[i].answer || owed_[i].boot_up; }
+
+    /// Nodes that fell silent are not waited for.
     bool complete() const {
         for (std::size_t i = 0; i < kNodes; ++i) {
-            if (!replied_[i] && periods_silent_[i] < kSilentPeriods) {
+            if (owes(i) && periods_silent_[i] < kSilentPeriods) {
                 return false;
             }
         }
@@ -114,15 +157,18 @@ class Bridge {
         bool waiting = true;
         while (waiting && !(sync_seen_ && complete()) && monotonic_ns() < limit_ns) {
             const std::size_t before = received_.count;
-            waiting = bus_.receive_some(received_, sync_seen_ ? reply_timeout_ms_ : kSettle_ms);
-            sort_out(before);
+            waiting = bus_.receive_some(received_, complete() ? kSettle_ms : reply_timeout_ms_);
+            for (std::size_t i = before; i < received_.count; ++i) {
+                on_host_frame(received_.frames[i]);
+                on_node_frame(received_.frames[i]);
+            }
             if (stop_signal_raised()) {
                 throw StopRequested{};
             }
         }
-        for (std::size_t i = 0; sync_seen_ && i < kNodes; ++i) {
-            replies_missing_ += replied_[i] ? 0 : 1;
-            periods_silent_[i] += replied_[i] ? 0 : 1;
+        for (std::size_t i = 0; i < kNodes; ++i) {
+            replies_missing_ += owes(i) ? 1 : 0;
+            periods_silent_[i] += owes(i) ? 1 : 0;
         }
     }
 
@@ -133,7 +179,7 @@ class Bridge {
             message.utime = clock_.utime(period, 0);
             message.seq = clock_.seq(period, 0);
             message.tau_Nm = torque_Nm[static_cast<Eigen::Index>(i)];
-            message.frames_sent = replied_[i] ? 1 : 0;
+            message.frames_sent = 0; // the host does not wait for counts here
             sender_.publish(kTorqueChannels[i], message);
         }
         sender_.flush();
@@ -158,7 +204,8 @@ class Bridge {
     hpmc_lcm::bus_closed_t bus_closed_{};
     PeriodFrames received_{};
     bool sync_seen_ = false; ///< in this period
-    std::array<bool, kNodes> replied_{};
+    bool reset_ = false;     ///< the nodes are reset in this period
+    std::array<Owed, kNodes> owed_{};
     std::array<int, kNodes> periods_silent_{};
     std::int64_t replies_missing_ = 0;
     std::int64_t replies_late_ = 0;
@@ -174,7 +221,7 @@ int main(int argc, char **argv) {
     app.add_option("--plant-url", options.plant_url);
     app.add_option("--stall-timeout-ms", options.stall_timeout_ms)->check(CLI::Range(100, 600000));
     app.add_option("--reply-timeout-ms", options.reply_timeout_ms,
-                   "longest wait for the TPDO1 of a period")
+                   "longest wait for what the nodes owe in a period")
         ->check(CLI::Range(1, 10000));
     return run_app("bench_bridge", app, argc, argv, [&] {
         const RunConfig config = options.config.load();
