@@ -34,7 +34,7 @@ class ArmProcess {
     ArmProcess(const Options &options, const RunConfig &config)
         : config_(config), schedule_(config), clock_{config.joint_ticks()}, plant_(config.plant),
           sensors_(config.joint.increments_per_revolution), sender_(options.plant_url),
-          realtime_(options.realtime), pacer_(kSyncPeriod_us * 1000, Pacer::AfterOverrun::catch_up),
+          realtime_(options.realtime), pacer_(kSyncPeriod_us * 1000, Pacer::WhenLate::catch_up),
           torque_{LcmReceiver(options.plant_url, "JOINT_TORQUE_1", options.stall_timeout_ms),
                   LcmReceiver(options.plant_url, "JOINT_TORQUE_2", options.stall_timeout_ms),
                   LcmReceiver(options.plant_url, "JOINT_TORQUE_3", options.stall_timeout_ms)} {

@@ -51,7 +51,7 @@ BenchHost::BenchHost(const BenchOptions &options, const RunConfig &config)
       cycle_(config, time_base(config)), encoder_check_(config), bus_(options.can),
       plant_(options.plant_url), observers_(options.telemetry_url),
       telemetry_(config, "bench", options.level),
-      pacer_(1000000000 / config.bench.sync_Hz, Pacer::AfterOverrun::skip) {
+      pacer_(1000000000 / config.bench.sync_Hz, Pacer::WhenLate::start_anew) {
     if (injected_) {
         wrench_ = std::make_unique<LcmReceiver>(options.plant_url, "HAND_WRENCH",
                                                 options.stall_timeout_ms);

@@ -34,13 +34,7 @@ void Pacer::wait() {
         due_ns_ = now_ns;
     } else {
         due_ns_ += period_ns_;
-        if (now_ns > due_ns_) {
-            ++overruns_;
-            if (after_overrun_ == AfterOverrun::skip) {
-                // The time that is over is taken at once, later ones of the grid are left out.
-                due_ns_ += (now_ns - due_ns_) / period_ns_ * period_ns_;
-            }
-        }
+        overruns_ += now_ns > due_ns_ ? 1 : 0;
     }
     sleep_until(due_ns_);
     count(monotonic_ns());
@@ -58,6 +52,9 @@ void Pacer::count(std::int64_t now_ns) {
         jitter_square_us2_ += off_us * off_us;
     }
     begin_ns_ = now_ns;
+    if (when_late_ == WhenLate::start_anew && 2 * lateness_ns >= period_ns_) {
+        due_ns_ = now_ns;
+    }
     ++cycles_;
 }
 

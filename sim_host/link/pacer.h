@@ -15,12 +15,13 @@ namespace hpmc {
 
 class Pacer {
   public:
-    /// What happens after an overrun: the loop hurries until it is on time again, or the missed
-    /// times are left out and the grid stays.
-    enum class AfterOverrun { catch_up, skip };
+    /// What happens after a cycle that began late by half a period or more: the loop hurries until
+    /// it is on time again; or the grid starts anew with that cycle, so that no SYNC follows
+    /// another before the nodes had time to answer.
+    enum class WhenLate { catch_up, start_anew };
 
-    Pacer(std::int64_t period_ns, AfterOverrun after_overrun)
-        : period_ns_(period_ns), after_overrun_(after_overrun) {}
+    Pacer(std::int64_t period_ns, WhenLate when_late)
+        : period_ns_(period_ns), when_late_(when_late) {}
 
     /// Returns at the next time of the grid, which begins with the first call; sooner after a stop
     /// signal.
@@ -44,7 +45,7 @@ class Pacer {
     void count(std::int64_t now_ns);
 
     std::int64_t period_ns_;
-    AfterOverrun after_overrun_;
+    WhenLate when_late_;
     std::int64_t due_ns_ = 0;
     std::int64_t begin_ns_ = 0;
     std::int64_t cycles_ = 0;
