@@ -45,6 +45,7 @@ constexpr std::uint32_t kSdoPeriods = 50;
 constexpr std::uint32_t kRepeatControlwordPeriods = 10;
 constexpr std::uint32_t kEnablePeriods = 300;
 constexpr std::uint32_t kSilentPeriods = 2;
+constexpr std::uint32_t kOwedMax = 2; ///< an older reply is lost, not late
 
 can_frame_t make_frame(std::uint16_t id, std::initializer_list<unsigned> bytes) {
     can_frame_t frame{};
@@ -198,10 +199,11 @@ void CanopenMaster::watch() {
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         NodeView &node = nodes_[joint];
         const bool cyclic = stage_ == MasterStage::enable || stage_ == MasterStage::enabled;
-        const std::uint32_t owed = config_.wall_clock && node.periods_without_tpdo1 > 0 ? 2U : 1U;
+        const std::uint32_t allowed = config_.wall_clock ? std::max(node.owed_tpdo1, 1U) : 1U;
+        node.owed_tpdo1 -= std::min(node.owed_tpdo1, node.tpdo1_in_period);
         node.periods_without_tpdo1 = node.tpdo1_in_period == 0 ? node.periods_without_tpdo1 + 1 : 0;
         if (cyclic && periods_in_stage_ > 0) {
-            if (node.tpdo1_in_period > owed) {
+            if (node.tpdo1_in_period > allowed) {
                 fail(joint,
                      "sent " + std::to_string(node.tpdo1_in_period) + " TPDO1 in one period");
             } else if (node.periods_without_tpdo1 >= kSilentPeriods &&
@@ -344,6 +346,9 @@ void CanopenMaster::compose_sync(Frames &frames, std::size_t &count) {
     sync_counter_ = sync_counter_ == kSyncCounterMax ? std::uint8_t{1}
                                                      : static_cast<std::uint8_t>(sync_counter_ + 1);
     frames[count++] = make_frame(kSync, {sync_counter_});
+    for (NodeView &node : nodes_) {
+        node.owed_tpdo1 = std::min(node.owed_tpdo1 + 1, kOwedMax);
+    }
 }
 
 std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &commands,

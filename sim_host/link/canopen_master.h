@@ -35,7 +35,8 @@ struct CanopenMasterConfig {
     std::int8_t mode = -1;                 ///< 6060h
     std::uint32_t stop_periods = 200;      ///< longest wait for the ramp of a quick stop
     bool sync_first = false;               ///< SYNC before the other frames of its period
-    bool wall_clock = false; ///< a TPDO1 may come a period late: two are no fault after none
+    bool wall_clock =
+        false; ///< a TPDO1 may come a period late: two are no fault where two are owed
 };
 
 /// Cyclic command of one joint: RPDO1.
@@ -61,6 +62,7 @@ struct NodeView {
     std::uint32_t emcy_count = 0;
     std::uint32_t tpdo1_in_period = 0; ///< TPDO1 received in the last receive()
     std::uint32_t periods_without_tpdo1 = 0;
+    std::uint32_t owed_tpdo1 = 0; ///< SYNCs not yet answered, 0..2
 };
 
 /// RPDO2 with the command "quick stop" for each node.

@@ -179,3 +179,20 @@ TEST_CASE("a stop on request is no fault") {
     CHECK(rig.check.fault().empty());
     CHECK(rig.most_rad[1] == 0.0);
 }
+
+TEST_CASE("by the wall clock a TPDO1 may come a period late, but none twice") {
+    Joints rig;
+    while (rig.most_rad[0] < 0.005) {
+        rig.step();
+    }
+    const PeriodFrames late = rig.from_nodes;
+    rig.from_nodes = {};
+    rig.step(); // none has come
+    rig.from_nodes.append(late.frames.data(), late.count);
+    rig.step(); // the late ones beside those of this period
+    CHECK(rig.check.fault().empty());
+    const PeriodFrames twice = rig.from_nodes;
+    rig.from_nodes.append(twice.frames.data(), twice.count);
+    rig.step();
+    CHECK(rig.check.fault().find("sent 2 TPDO1 in one period") != std::string::npos);
+}
