@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 from collections.abc import Iterator
@@ -31,6 +32,9 @@ class Boards:
                        "--id", str(joint), "--referenced", *options, *own]  # fmt: skip
             process = subprocess.Popen(command, stdout=subprocess.PIPE)
             self.processes.append(process)
+            # A board has a processor of its own: the loop's processes must not starve it.
+            with contextlib.suppress(PermissionError):
+                os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(50))
             assert process.stdout is not None and process.stdout.readline() == b"READY\n"
 
     def start_with_joints(self, of_joint: dict[int, list[str]] | None = None) -> None:
