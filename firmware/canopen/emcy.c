@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "canopen/node_time.h"
+#include "od/little_endian.h"
 
 #define QUEUE_SIZE 8U
 #define HISTORY_SIZE 8U
@@ -33,14 +34,13 @@ static void push(uint16_t code, uint8_t error_register, uint8_t source, int32_t 
     if (emcy->count == QUEUE_SIZE) {
         return; /* the history has it */
     }
-    const uint32_t bits = (uint32_t)detail;
-    const can_frame_t frame = {
-        .id = (uint16_t)od->cob_id_emcy,
-        .len = 8,
-        .data = {(uint8_t)code, (uint8_t)(code >> 8), error_register, source, (uint8_t)bits,
-                 (uint8_t)(bits >> 8), (uint8_t)(bits >> 16), (uint8_t)(bits >> 24)},
-    };
-    emcy->frames[(emcy->first + emcy->count) % QUEUE_SIZE] = frame;
+    can_frame_t *frame = &emcy->frames[(emcy->first + emcy->count) % QUEUE_SIZE];
+    frame->id = (uint16_t)od->cob_id_emcy;
+    frame->len = 8;
+    little_endian_put_u16(code, &frame->data[0]);
+    frame->data[2] = error_register;
+    frame->data[3] = source;
+    little_endian_put_u32((uint32_t)detail, &frame->data[4]);
     emcy->count++;
 }
 

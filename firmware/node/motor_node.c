@@ -3,8 +3,10 @@
 #include <string.h>
 
 #include "canopen/node_time.h"
+#include "control/derating.h"
 #include "node/node_drive.h"
 #include "node/node_objects.h"
+#include "od/little_endian.h"
 #include "od/od_access.h"
 
 #define FUNCTION_CODE 0x780U
@@ -258,9 +260,9 @@ static void receive_sdo(const can_frame_t *frame, motor_node_t *node) {
 }
 
 static void receive_emergency(const can_frame_t *frame, motor_node_t *node) {
-    const int32_t code = frame->data[0] | (frame->data[1] << 8);
+    const uint16_t code = little_endian_u16(frame->data);
     for (size_t i = 0; i < sizeof node->od.emergency_consumer_object / sizeof(uint32_t); i++) {
-        if (node->od.emergency_consumer_object[i] == frame->id && frame->len >= 2U && code != 0 &&
+        if (node->od.emergency_consumer_object[i] == frame->id && frame->len >= 2U && code != 0U &&
             drive_has_output(&node->drive)) {
             node_drive_fault(EMCY_HEARTBEAT, (uint8_t)(frame->id & NODE_ID), code, true, node);
         }
@@ -463,9 +465,7 @@ static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) 
     node->index_encoder_inc = injected ? encoder : input->index_position_inc;
     node_drive_supervise_encoder(encoder, input->elapsed_us, node);
     const int64_t position = (int64_t)encoder + node->offset_inc;
-    od->position_actual_value = position > INT32_MAX   ? INT32_MAX
-                                : position < INT32_MIN ? INT32_MIN
-                                                       : (int32_t)position;
+    od->position_actual_value = node_drive_position(position);
     od->motor_temperature = input->temperature_dC;
     if (injected) {
         od->motor_temperature = od->injected_sensors_temperature;

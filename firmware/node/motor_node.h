@@ -30,7 +30,6 @@
 #include "cia402/homing.h"
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
-#include "node/derating.h"
 #include "node/parameter_store.h"
 #include "od/object_dictionary.h"
 
@@ -45,7 +44,8 @@ typedef struct {
     uint32_t serial_number; /**< 1018h:04, unique */
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
     bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
-    bool clock_fallback;    /**< on the internal oscillator: enabling is refused */
+    bool clock_fallback; /**< on the internal oscillator: enabling is refused while node time comes
+                              from it (2F01h = 0) */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
     uint8_t sensor_source;            /**< 2F00h at the begin: 0 at power-on */
     uint8_t time_base;                /**< 2F01h at the begin: 0 at power-on */
@@ -79,7 +79,7 @@ typedef struct {
 #define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
-#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator */
+#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator, free-running */
 
 /** Modes of operation (6060h). */
 #define MODE_FRACTAL_IMPEDANCE (-1)
@@ -135,6 +135,7 @@ typedef struct {
     bool clock_fallback;
     uint32_t current_mA;
     uint64_t mean_square_mA2;
+    uint32_t load_ppm; /**< of it, in the last interval of the speed; see derating.h */
     bool outside_limits;
     int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
     uint32_t speed_since_us;
@@ -146,7 +147,8 @@ typedef struct {
     bool hold;    /**< Q_d is to be held at this tick's position */
     bool holding;
     uint16_t refusals;
-    uint32_t ramp_ppm; /**< output bound / TA */
+    uint32_t ramp_ppm;  /**< output bound / TA */
+    torque_t torque_Nm; /**< output of the step before, not rounded */
     joint_controller_config_t control;
     joint_controller_t controller;
 } motor_node_t;

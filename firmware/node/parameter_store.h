@@ -21,7 +21,7 @@
 /**
  * Non-volatile memory, provided by the port. copy: 0 or 1; offset + size <=
  * PARAMETER_STORE_COPY_BYTES. Each byte is written once after an erase. All return false on
- * failure.
+ * failure; bytes never written are none: they read as any value, 0xFF where erased.
  */
 typedef struct {
     void *context;
@@ -40,12 +40,13 @@ typedef enum {
 /** Is this entry part of the configuration that is stored? */
 bool parameter_store_has(const od_entry_t *entry);
 
-/** Sets the stored values and *node_id; false, and nothing changed, when no copy is whole or the
- * memory fails. */
+/** Sets the values of the newest whole copy that can be read, and *node_id; false, and nothing
+ * changed, when there is none or the memory fails on the way. */
 bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t *od,
                           uint8_t *node_id);
 
-/** False when the memory failed; the set before is then still there. */
+/** False when the memory failed; the set before is then still there. Nothing is erased while a copy
+ * cannot be read: it might be that set. */
 bool parameter_store_save(const parameter_memory_t *memory, parameter_source_t source,
                           const object_dictionary_t *od, uint8_t node_id);
 

@@ -12,8 +12,8 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x332FB8A9U
-#define OD_PROTOCOL_HASH_TEXT "332fb8a9"
+#define OD_PROTOCOL_HASH 0x4A99E42BU
+#define OD_PROTOCOL_HASH_TEXT "4a99e42b"
 
 #define OD_ENTRY_COUNT 167U
 

@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "332fb8a9";
+inline constexpr std::string_view kProtocolHash = "4a99e42b";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+332fb8a9";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+4a99e42b";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 

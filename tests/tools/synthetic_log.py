@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import lcm
+import numpy as np
 
 from hpmc.kinematics import ClockGeometry
-from hpmc.lcm_types import TYPE_FOLDER
+from hpmc.lcm_types import TYPE_FOLDER, LcmType, Member, load_type
 
 DISTANCE_M = 0.1
 MOVEMENT_S = 0.972
@@ -115,3 +117,60 @@ def _ticks(repetitions: range, reaches: int, setup_ticks: int) -> Iterator[tuple
         for reach in range(reaches):
             yield from ((repetition, reach, tick) for tick in range(REACH_TICKS))
         yield from ((repetition, -1, 0) for _ in range(setup_ticks))
+
+
+AWKWARD_NUMBERS = (math.nan, -0.0, 1e-310, 0.1 + 0.2, -1.2345678901234567e300, 1 / 3)
+AWKWARD_TEXT = ('a, "b"\nc = 1', "", "Grad °")
+INTEGER_BITS = {"int8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64}
+
+
+def channel_types() -> dict[str, LcmType]:
+    """A channel for every .lcm file that describes a whole message, two of one with a number."""
+    types = [load_type(path.stem) for path in sorted(TYPE_FOLDER.glob("*.lcm"))]
+    whole = [t for t in types if t.members[0].name == "utime"]
+    channels = {t.name.removesuffix("_t").upper(): t for t in whole}
+    return channels | {"JOINT_TORQUE_2": load_type("joint_torque_t")}
+
+
+def write_every_type(path: Path, count: int = 40, seed: int = 1, first: int = 0) -> None:
+    """Messages of all types, `count` per channel and 1 ms apart, with values that are awkward."""
+    random = np.random.default_rng(seed)
+    log = lcm.EventLog(str(path), "w", overwrite=True)
+    for number in range(first, first + count):
+        for channel, lcm_type in channel_types().items():
+            message = filled(lcm_type, random, number)
+            message.utime, message.seq = 1000 * number, number
+            log.write_event(message.utime, channel, message.encode())
+    log.close()
+
+
+def filled(lcm_type: LcmType, random: np.random.Generator, number: int) -> Any:
+    """A message of any type with random content; arrays that vary have 0 to 4 elements."""
+    message = getattr(message_types(), lcm_type.name)()
+    counters = {d for m in lcm_type.members for d in m.dimensions if not d.isdigit()}
+    sizes = dict.fromkeys(counters, number % 5)
+    for member in lcm_type.members:
+        shape = [int(d) if d.isdigit() else sizes[d] for d in member.dimensions]
+        value = sizes.get(member.name)
+        if value is None:
+            value = _value(member, shape, random, number)
+        setattr(message, member.name, value)
+    return message
+
+
+def _value(member: Member, shape: list[int], random: np.random.Generator, number: int) -> Any:
+    if shape:
+        values = [_value(member, shape[1:], random, number) for _ in range(shape[0])]
+        return bytes(values) if member.type_name == "byte" and len(shape) == 1 else values
+    if member.type_name in INTEGER_BITS:
+        most = 1 << (INTEGER_BITS[member.type_name] - 1)
+        return int(random.choice([-most, most - 1, int(random.integers(-most, most)), 0]))
+    if member.type_name == "string":
+        return AWKWARD_TEXT[number % len(AWKWARD_TEXT)]
+    if member.type_name == "byte":
+        return int(random.integers(256))
+    if member.type_name == "boolean":
+        return bool(random.integers(2))
+    if member.type_name in ("float", "double"):
+        return float(random.choice([random.normal(), *AWKWARD_NUMBERS]))
+    return filled(load_type(member.type_name.rpartition(".")[2]), random, number)

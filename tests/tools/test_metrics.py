@@ -1,6 +1,7 @@
 """Metrics on movements with known answers, kinematics against finite differences, the cutting of
 a log into reaches."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,15 @@ from synthetic_log import MOVEMENT_S, REACH_TICKS, half_cosine, ripple, write_cl
 from hpmc.analysis import analyse_logs
 from hpmc.kinematics import ClockGeometry, PlanarArm
 from hpmc.lcm_log import LcmLog, LogError
-from hpmc.metrics import final_error, peak_over_mean, peak_over_mean_moving, rmse, speed
+from hpmc.metrics import (
+    final_error,
+    log_dimensionless_jerk,
+    peak_over_mean,
+    peak_over_mean_moving,
+    rmse,
+    spectral_arc_length,
+    speed,
+)
 from hpmc.movements import ReachIndex
 
 OWN_DURATION = np.linspace(0, 1, 100_001)
@@ -54,6 +63,67 @@ def test_no_movement_has_no_r() -> None:
     with np.errstate(all="raise"):
         assert np.isnan(peak_over_mean(speeds)).tolist() == [True, False]
         assert np.isnan(peak_over_mean_moving(speeds)).tolist() == [True, False]
+
+
+BELL = np.exp(-5 * np.arange(-1, 1, 0.01) ** 2)  # speed of the authors' example, 10 ms apart
+
+
+def test_spectral_arc_length_and_jerk_have_their_authors_values() -> None:
+    assert spectral_arc_length(BELL, 0.01) == pytest.approx(-1.41403, abs=5e-6)
+    assert log_dimensionless_jerk(BELL, 0.01) == pytest.approx(-5.81636, abs=5e-6)
+
+
+def arc_length_by_transform(speeds: np.ndarray, rate_hz: float) -> float:
+    """The definition in words, with a whole padded transform and a loop."""
+    points = 2 ** (int(np.ceil(np.log2(speeds.size))) + 4)
+    spectrum = np.abs(np.fft.fft(speeds, points))
+    seen = [
+        (k * rate_hz / points, float(spectrum[k] / spectrum.max()))
+        for k in range(points // 2 + 1)
+        if k * rate_hz / points <= 10.0
+    ]
+    while seen[-1][1] < 0.05:
+        seen.pop()
+    while seen[0][1] < 0.05:
+        seen.pop(0)
+    width = seen[-1][0] - seen[0][0]
+    steps = itertools.pairwise(seen)
+    return -sum(np.hypot((f1 - f0) / width, m1 - m0) for (f0, m0), (f1, m1) in steps)
+
+
+def test_spectral_arc_length_is_that_of_the_whole_transform() -> None:
+    random = np.random.default_rng(3)
+    time = np.arange(1000) * 1e-3
+    for tremor_hz in (2.0, 6.5, 9.9, 15.0):
+        speeds = np.sin(np.pi * time) + 0.3 * np.abs(np.sin(np.pi * tremor_hz * time))
+        speeds += 0.05 * np.abs(random.normal(size=time.size))
+        expected = arc_length_by_transform(speeds, 1000)
+        assert spectral_arc_length(speeds, 1e-3) == pytest.approx(expected, rel=1e-9)
+    # slow sampling: the spectrum ends below the highest frequency looked at
+    few = np.array([0.0, 1.0, 3.0, 2.0, 0.5])
+    assert spectral_arc_length(few, 0.1) == pytest.approx(arc_length_by_transform(few, 10))
+
+
+def test_smoothness_depends_neither_on_size_nor_on_duration_and_falls_with_tremor() -> None:
+    for smoothness in (spectral_arc_length, log_dimensionless_jerk):
+        assert smoothness(7 * BELL, 0.01) == pytest.approx(smoothness(BELL, 0.01))
+    # the same samples in twice the time
+    assert log_dimensionless_jerk(BELL, 0.02) == pytest.approx(log_dimensionless_jerk(BELL, 0.01))
+    tremor = BELL * (1 + 0.2 * np.sin(2 * np.pi * 6 * np.arange(BELL.size) * 0.01))
+    assert spectral_arc_length(tremor, 0.01) < spectral_arc_length(BELL, 0.01) - 0.1
+    assert log_dimensionless_jerk(tremor, 0.01) < log_dimensionless_jerk(BELL, 0.01) - 1
+
+
+def test_smoothness_of_many_reaches_is_that_of_each_and_none_of_rest() -> None:
+    random = np.random.default_rng(5)
+    speeds = BELL + 0.1 * np.abs(random.normal(size=(4, BELL.size)))
+    speeds[2] = 0.0
+    for smoothness in (spectral_arc_length, log_dimensionless_jerk):
+        with np.errstate(all="raise"):
+            together = smoothness(speeds, 0.01)
+            assert np.isnan(together).tolist() == [False, False, True, False]
+        each = [smoothness(speeds[i], 0.01) for i in (0, 1, 3)]
+        np.testing.assert_allclose(together[[0, 1, 3]], each)
 
 
 def test_rmse_is_of_the_distance() -> None:
@@ -129,6 +199,10 @@ def test_reaches_of_a_log_have_the_metrics_they_were_made_with(
             ("final_error_mm", 1e3 * abs(ahead_m[-1])),
             ("executed_r", executed_m_s.max() / executed_m_s.mean()),
             ("executed_r5", peak_over_mean_moving(executed_m_s)),
+            ("planned_sparc", arc_length_by_transform(planned_m_s, 1000)),
+            ("executed_sparc", arc_length_by_transform(executed_m_s, 1000)),
+            ("planned_ldlj", log_dimensionless_jerk(planned_m_s, 1e-3)),
+            ("executed_ldlj", log_dimensionless_jerk(executed_m_s, 1e-3)),
         ):
             assert getattr(metrics, column)[row] == pytest.approx(expected, rel=1e-6), column
         assert metrics.executed_r5[row] < metrics.executed_r[row] - 0.01

@@ -29,8 +29,16 @@ KEYS = {
     "simulated_s": None,
     "wall_s": None,
     "real_time_factor": None,
-    "planned": ["r_mean", "r_std"],
-    "executed": ["r_mean", "r_std", "r5_mean"],
+    "planned": ["r_mean", "r_std", "sparc_mean", "ldlj_mean"],
+    "executed": [
+        "r_mean",
+        "r_std",
+        "r5_mean",
+        "sparc_mean",
+        "sparc_std",
+        "ldlj_mean",
+        "ldlj_std",
+    ],
     "position_rmse_mm": ["mean", "max"],
     "velocity_rmse_mm_s": ["mean", "max"],
     "final_error_mm": ["mean", "max"],
@@ -92,6 +100,9 @@ def test_numbers_are_those_of_the_reaches(analysis: Analysis) -> None:
     assert summary["planned"]["r_mean"] == pytest.approx(1.616, abs=5e-4)
     assert summary["executed"]["r_std"] == pytest.approx(np.std(metrics.executed_r))
     assert summary["executed"]["r5_mean"] == pytest.approx(metrics.executed_r5.mean())
+    assert summary["planned"]["sparc_mean"] == pytest.approx(metrics.planned_sparc.mean())
+    assert summary["executed"]["sparc_std"] == pytest.approx(metrics.executed_sparc.std())
+    assert summary["executed"]["ldlj_mean"] == pytest.approx(metrics.executed_ldlj.mean())
     assert summary["position_rmse_mm"]["max"] == metrics.position_rmse_mm.max()
     assert [target["index"] for target in summary["targets"]] == list(range(1, 9))
     fifth = summary["targets"][4]
@@ -112,7 +123,7 @@ def test_without_logs_every_metric_is_null(tmp_path: Path) -> None:
     summary = build_summary(FACTS, None)
     assert list(summary) == list(KEYS)
     assert summary["reaches"] == 0
-    assert summary["executed"] == {"r_mean": None, "r_std": None, "r5_mean": None}
+    assert set(summary["executed"].values()) == {None}
     write_summary(summary, tmp_path / "summary.json")
     assert "NaN" not in (tmp_path / "summary.json").read_text()
     assert "138000 frames" in printed(summary)
@@ -128,9 +139,10 @@ def test_targets_not_reached_are_null(tmp_path: Path) -> None:
 
 def test_a_hand_that_never_moved_has_a_null_r(analysis: Analysis) -> None:
     nothing = np.full(len(analysis.metrics), np.nan)
-    metrics = dataclasses.replace(analysis.metrics, executed_r=nothing, executed_r5=nothing)
+    columns = ("executed_r", "executed_r5", "executed_sparc", "executed_ldlj")
+    metrics = dataclasses.replace(analysis.metrics, **dict.fromkeys(columns, nothing))
     summary = build_summary(FACTS, dataclasses.replace(analysis, metrics=metrics))
-    assert summary["executed"] == {"r_mean": None, "r_std": None, "r5_mean": None}
+    assert set(summary["executed"].values()) == {None}
     json.dumps(summary, allow_nan=False)
 
 

@@ -388,6 +388,68 @@ void test_cyclic_synchronous_torque(void) {
     TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_TORQUE_MAX, rig.node.od.limit_reasons);
 }
 
+void test_torque_slope_in_cyclic_synchronous_torque(void) {
+    rig_start();
+    rig_write(0x6087, 0, 4, 100000); /* 100 mN m in 1 ms */
+    rig_control(0x06, 10);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycle();
+    rig_cycles(101); /* 3 N m */
+    for (int16_t torque = 2900; torque > -1500; torque -= 100) {
+        rig_command(0, -1450, 4000);
+        rig_sync();
+        rig_step();
+        TEST_ASSERT_EQUAL_INT16(torque, torque_mNm());
+        TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_TORQUE_SLOPE, rig.node.od.limit_reasons);
+    }
+    rig_command(0, -1450, 4000);
+    rig_sync();
+    rig_step();
+    TEST_ASSERT_EQUAL_INT16(-1450, torque_mNm());
+    TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.limit_reasons);
+}
+
+void test_torque_slope_is_off_in_mode_fractal_impedance(void) {
+    rig_write(0x6087, 0, 4, 1000);
+    rig_run();
+    rig.desired_inc = 5300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(4000, torque_mNm());
+    TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.limit_reasons);
+    rig.desired_inc = 4700;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(-4000, torque_mNm());
+}
+
+void test_torque_slope_starts_from_zero_after_a_stop(void) {
+    rig_start();
+    rig_write(0x6087, 0, 4, 10000);
+    rig_control(0x06, 10);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycles(200);
+    TEST_ASSERT_INT_WITHIN(10, 1990, torque_mNm());
+    rig_control(0x00, 0); /* disable voltage: torque off at once */
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(0, torque_mNm());
+    rig_control(0x06, 0);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycles(11);
+    TEST_ASSERT_EQUAL_INT16(100, torque_mNm());
+}
+
+void test_torque_slope_has_a_range(void) {
+    rig_start();
+    rig_write(0x6087, 0, 4, 999);
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_TOO_LOW, rig_abort());
+    rig_write(0x6087, 0, 4, 1000);
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX32(0, rig_abort());
+}
+
 void test_change_of_mode_starts_from_zero_again(void) {
     rig_run();
     rig_control(0x0F, 10);

@@ -6,6 +6,7 @@
 typedef struct {
     fake_memory_t fake;
     size_t reads_left;
+    size_t fails_at; /* number of the one read that fails, from 1; 0 = none */
 } failing_memory_t;
 
 static failing_memory_t failing;
@@ -19,6 +20,12 @@ static bool read(void *context, uint8_t copy, size_t offset, uint8_t *data, size
         return false;
     }
     memory->reads_left--;
+    if (memory->fails_at != 0U) {
+        memory->fails_at--;
+        if (memory->fails_at == 0U) {
+            return false;
+        }
+    }
     return fake_read(&memory->fake, copy, offset, data, size);
 }
 
@@ -89,6 +96,28 @@ void test_save_of_another_node_id(void) {
     TEST_ASSERT_TRUE(parameter_store_load(&memory, &loaded, &node_id));
     TEST_ASSERT_EQUAL_UINT8(9, node_id);
     TEST_ASSERT_EQUAL_MEMORY(&od, &loaded, sizeof od);
+}
+
+/* The read with this number fails, the ones before and after it do not. */
+static bool save_with_a_failing_read(size_t number, parameter_source_t source) {
+    failing.fails_at = number;
+    const bool saved = parameter_store_save(&memory, source, &od, 9);
+    failing.fails_at = 0;
+    return saved;
+}
+
+void test_an_unreadable_copy_is_not_written_over(void) {
+    const size_t values = (reads_of_a_load() - 3U) / 2U;
+    const size_t inspected = values + 3U;
+    for (size_t number = 1; number <= inspected; number++) {
+        const size_t budget = failing.fake.budget;
+        TEST_ASSERT_FALSE(save_with_a_failing_read(number, PARAMETER_STORE_VALUES));
+        TEST_ASSERT_FALSE(save_with_a_failing_read(number, PARAMETER_STORE_KEPT));
+        TEST_ASSERT_FALSE(save_with_a_failing_read(number, PARAMETER_STORE_DEFAULTS));
+        TEST_ASSERT_TRUE(failing.fake.budget == budget); /* nothing erased */
+        TEST_ASSERT_TRUE(load_after(SIZE_MAX));
+    }
+    TEST_ASSERT_TRUE(save_with_a_failing_read(inspected + 1U, PARAMETER_STORE_VALUES));
 }
 
 void test_save_that_cannot_erase_keeps_the_set(void) {

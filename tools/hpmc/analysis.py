@@ -8,7 +8,15 @@ import numpy as np
 
 from hpmc.kinematics import TARGET_COUNT
 from hpmc.lcm_log import LcmLog, LogError
-from hpmc.metrics import final_error, peak_over_mean, peak_over_mean_moving, rmse, speed
+from hpmc.metrics import (
+    final_error,
+    log_dimensionless_jerk,
+    peak_over_mean,
+    peak_over_mean_moving,
+    rmse,
+    spectral_arc_length,
+    speed,
+)
 from hpmc.movements import REACH_S, Reaches, ReachIndex
 
 
@@ -25,6 +33,10 @@ class ReachMetrics:
     position_rmse_mm: np.ndarray
     velocity_rmse_mm_s: np.ndarray
     final_error_mm: np.ndarray
+    planned_sparc: np.ndarray
+    executed_sparc: np.ndarray
+    planned_ldlj: np.ndarray
+    executed_ldlj: np.ndarray
 
     def __len__(self) -> int:
         return self.target.size
@@ -136,17 +148,21 @@ def way_mm(reaches: Reaches, position_m: np.ndarray) -> np.ndarray:
 
 
 def _measure(reaches: Reaches) -> ReachMetrics:
-    executed_speed = speed(reaches.hand_m_s)
+    planned_speed, executed_speed = speed(reaches.v_d_m_s), speed(reaches.hand_m_s)
     return ReachMetrics(
         repetition=reaches.repetition,
         reach=reaches.reach,
         target=reaches.target,
-        planned_r=peak_over_mean(speed(reaches.v_d_m_s)),
+        planned_r=peak_over_mean(planned_speed),
         executed_r=peak_over_mean(executed_speed),
         executed_r5=peak_over_mean_moving(executed_speed),
         position_rmse_mm=1e3 * rmse(reaches.hand_m, reaches.x_d_m),
         velocity_rmse_mm_s=1e3 * rmse(reaches.hand_m_s, reaches.v_d_m_s),
         final_error_mm=1e3 * final_error(reaches.hand_m, reaches.x_t_m),
+        planned_sparc=spectral_arc_length(planned_speed, reaches.period_s),
+        executed_sparc=spectral_arc_length(executed_speed, reaches.period_s),
+        planned_ldlj=log_dimensionless_jerk(planned_speed, reaches.period_s),
+        executed_ldlj=log_dimensionless_jerk(executed_speed, reaches.period_s),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 MODULES = {
     "run": "hpmc.run_command",
     "node": "hpmc.node",
+    "log": "hpmc.log",
     "bench": "hpmc.bench",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",

@@ -62,7 +62,7 @@ def draw_all(analysis: Analysis, folder: Path, geometry: ClockGeometry | None = 
     """Draws every figure into `folder` and returns the files, PNG and PDF of each."""
     geometry = geometry or ClockGeometry()
     files = []
-    with _style():
+    with style():
         for name, draw in FIGURES.items():
             figure = draw(analysis, geometry)
             for suffix in ("png", "pdf"):
@@ -411,7 +411,8 @@ FIGURES: dict[str, Callable[[Analysis, ClockGeometry], Figure]] = {
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def style() -> Iterator[None]:
+    """The look of all pictures: `with style(): ...`."""
     import matplotlib as mpl
 
     with mpl.rc_context(_STYLE):

@@ -2,7 +2,8 @@
 
 The file is memory-mapped and only the asked-for fields of the asked-for rows are copied, so a log
 may be much larger than memory. Opening it costs one pass over the file for the events' offsets.
-A damaged or truncated log is read as far as it can be: `LcmLog.damage` says where it is not.
+A damaged or truncated log is read as far as it can be: `LcmLog.damage` says where it is not. With
+`tolerant` single messages that do not have the layout of their type are left out as damage, too.
 Source: liblcm, eventlog.c. All numbers of the file are big-endian.
 """
 
@@ -13,7 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from hpmc.lcm_types import FINGERPRINT_BYTES, LcmType, load_type, type_of_channel
+from hpmc.lcm_types import (
+    FINGERPRINT_BYTES,
+    LcmType,
+    LcmTypeError,
+    load_type,
+    member_places,
+    overlapping,
+    type_of_channel,
+)
 
 SYNC_WORD = 0xEDA1DA01
 LONGEST_CHANNEL_NAME = 63  # LCM_MAX_CHANNEL_NAME_LENGTH
@@ -52,10 +61,11 @@ class _Channel:
 class LcmLog:
     """One event log, open for reading.
 
-    `damage` lists the parts that hold no whole event (the cut-off tail of a killed run, mostly).
+    `damage` lists the parts that hold no whole event (the cut-off tail of a killed run, mostly),
+    and the messages that were left out because `tolerant` asks for it.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, tolerant: bool = False) -> None:
         self.path = Path(path)
         try:
             size = self.path.stat().st_size
@@ -68,6 +78,15 @@ class LcmLog:
         if starts.size == 0:
             raise LogError(f"{self.path} is not an LCM log: it holds no whole event")
         self._channels = _group_by_channel(self._bytes, starts)
+        if tolerant:
+            for channel in self.channels:
+                self._leave_out_damaged(channel)
+            self.damage.sort(key=lambda damage: damage.offset)
+
+    @property
+    def bytes(self) -> np.ndarray:
+        """The file, mapped into memory."""
+        return self._bytes
 
     @property
     def channels(self) -> list[str]:
@@ -77,6 +96,10 @@ class LcmLog:
     def count(self, channel: str) -> int:
         """Number of messages of a channel; 0 where the log has none."""
         return self._channels[channel].offsets.size if channel in self._channels else 0
+
+    def size(self, channel: str) -> int:
+        """Bytes of the messages of a channel."""
+        return int(self._index(channel).lengths.astype(np.int64).sum())
 
     def column(
         self, channel: str, field: str, start: int = 0, stop: int | None = None
@@ -112,6 +135,24 @@ class LcmLog:
         seq = self._overlapping(_SEQ)["seq"][index.offsets].astype(np.int64)
         return int((np.diff(seq) - 1).sum())
 
+    def event_places(self, channel: str) -> np.ndarray:
+        """Where the events of a channel begin in the file: sorted they are the order of the log."""
+        return self._index(channel).offsets - len(channel.encode()) - _HEADER.itemsize
+
+    def timestamps_us(self, channel: str) -> np.ndarray:
+        """Time stamps by the logger: the rig's own gives run clock, lcm-logger wall clock."""
+        stamps = self._overlapping(_HEADER)["timestamp_us"][self.event_places(channel)]
+        return stamps.astype(np.int64)
+
+    def known_type(self, channel: str) -> LcmType | None:
+        """The type of a channel; None where it has no .lcm file, or was written with another."""
+        try:
+            lcm_type = load_type(type_of_channel(channel))
+            self._check_fingerprint(channel, lcm_type)
+        except (LcmTypeError, LogError):
+            return None
+        return lcm_type
+
     def at_offsets(self, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
         """Records of `dtype` copied from the given places of the file."""
         return self._overlapping(dtype)[offsets]
@@ -121,6 +162,40 @@ class LcmLog:
         index = self._index(channel)
         self._check_fingerprint(channel, load_type(type_of_channel(channel)))
         return index.offsets, index.lengths
+
+    def _leave_out_damaged(self, channel: str) -> None:
+        """Keeps the messages of a known type that have its fingerprint and its size."""
+        index = self._channels[channel]
+        try:
+            lcm_type = load_type(type_of_channel(channel))
+        except LcmTypeError:
+            return
+        whole = index.lengths >= FINGERPRINT_BYTES
+        if whole.any():
+            places = np.where(whole, index.offsets, index.offsets[whole.argmax()])
+            whole &= self._overlapping(np.dtype(">u8"))[places] == lcm_type.fingerprint
+        if not whole.any():
+            return  # another type, or another version of it
+        if lcm_type.dtype is not None:
+            whole &= index.lengths == FINGERPRINT_BYTES + lcm_type.dtype.itemsize
+        else:
+            rows = np.flatnonzero(whole)
+            first = index.offsets[rows] + FINGERPRINT_BYTES
+            ends = index.offsets[rows] + index.lengths[rows]
+            try:
+                whole[rows] = member_places(lcm_type, self._bytes, first, ends).whole
+            except LcmTypeError:
+                return  # a layout that only the decoder knows
+        if whole.all():
+            return
+        self.damage += [
+            Damage(int(index.offsets[row]), int(index.lengths[row]))
+            for row in np.flatnonzero(~whole)
+        ]
+        if whole.any():
+            self._channels[channel] = _Channel(index.offsets[whole], index.lengths[whole])
+        else:
+            del self._channels[channel]
 
     def _records(self, channel: str) -> tuple[np.ndarray, np.ndarray]:
         index = self._index(channel)
@@ -148,13 +223,7 @@ class LcmLog:
         return self._channels[channel]
 
     def _overlapping(self, dtype: np.dtype) -> np.ndarray:
-        return _overlapping(self._bytes, dtype)
-
-
-def _overlapping(buffer: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """A view with one record at each byte, so that byte offsets are row numbers."""
-    rows = max(buffer.size - dtype.itemsize + 1, 0)
-    return np.ndarray((rows,), dtype, buffer=buffer.data, strides=(1,))
+        return overlapping(self._bytes, dtype)
 
 
 def _find_sync_words(buffer: np.ndarray) -> np.ndarray:
@@ -175,7 +244,7 @@ def _find_events(buffer: np.ndarray) -> tuple[np.ndarray, list[Damage]]:
     starts = _find_sync_words(buffer)
     if starts.size == 0:
         return starts, [Damage(0, buffer.size)]
-    headers = _overlapping(buffer, _HEADER)
+    headers = overlapping(buffer, _HEADER)
     channel_length = headers["channel_length"][starts].astype(np.int64)
     data_length = headers["data_length"][starts].astype(np.int64)
     ends = starts + _HEADER.itemsize + channel_length + data_length
@@ -208,13 +277,13 @@ def _find_events(buffer: np.ndarray) -> tuple[np.ndarray, list[Damage]]:
 
 
 def _group_by_channel(buffer: np.ndarray, starts: np.ndarray) -> dict[str, _Channel]:
-    headers = _overlapping(buffer, _HEADER)
+    headers = overlapping(buffer, _HEADER)
     name_length = headers["channel_length"][starts].astype(np.int32)
     data_length = headers["data_length"][starts].astype(np.int32)
     channels: dict[str, _Channel] = {}
     for length in np.unique(name_length).tolist():
         rows = np.flatnonzero(name_length == length)
-        names = _overlapping(buffer, np.dtype(f"S{length}"))[starts[rows] + _HEADER.itemsize]
+        names = overlapping(buffer, np.dtype(f"S{length}"))[starts[rows] + _HEADER.itemsize]
         while rows.size:
             same = names == names[0]
             name = bytes(names[0]).decode(errors="replace")

@@ -74,6 +74,8 @@ def parser() -> argparse.ArgumentParser:
                         help="the encoder is absolute: no homing is needed")  # fmt: skip
     parser.add_argument("--after-watchdog", action="store_true",
                         help="starts as after a reset by the watchdog")  # fmt: skip
+    parser.add_argument("--internal-oscillator", action="store_true",
+                        help="starts as without its crystal: enabling is refused")  # fmt: skip
     parser.add_argument("--temperature-dC", type=whole(-2730, 32767), default=250, metavar="N",
                         help="of the motor, in 0.1 degree Celsius (%(default)s)")  # fmt: skip
     parser.add_argument("--fixed", action="store_true",

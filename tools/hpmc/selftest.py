@@ -90,11 +90,8 @@ def steps() -> list[Step]:
     ]
     coverage, coverage_fixed = preset("coverage", 1), preset("coverage-fixed", 1)
     counted = [str(BUILD / "coverage"), str(BUILD / "coverage-fixed")]
-    checked = [
-        source
-        for source in sources
-        if source.startswith(tuple(f"firmware/{name}/" for name in CORE)) and source.endswith(".c")
-    ]
+    tidied = tuple(f"firmware/{name}/" for name in (*CORE, "port/posix"))
+    checked = [source for source in sources if source.startswith(tidied) and source.endswith(".c")]
     return [
         Step(
             "build", "everything, by gcc, warnings as errors", [configure, build], 900,
@@ -150,8 +147,8 @@ def steps() -> list[Step]:
             "exceptions stand beside the code: /* cppcheck-suppress id ; reason */",
         ),
         Step(
-            "tidy", "firmware by clang-tidy",
-            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 120,
+            "tidy", "firmware and its POSIX port by clang-tidy",
+            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 240,
             "exceptions stand beside the code: /* NOLINTNEXTLINE(check): reason */",
             after="build",
         ),

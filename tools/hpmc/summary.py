@@ -92,9 +92,6 @@ def build_summary(
     geometry = geometry or ClockGeometry()
     metrics = analysis.metrics if analysis else None
 
-    def over_all(column: str, statistic: Callable[[np.ndarray], float]) -> float | None:
-        return _number(statistic(getattr(metrics, column))) if metrics else None
-
     def of_target(target: int, column: str) -> float | None:
         rows = metrics.of_target(target) if metrics else None
         return _number(np.mean(getattr(rows, column))) if rows else None
@@ -108,19 +105,7 @@ def build_summary(
         "simulated_s": facts.simulated_s,
         "wall_s": facts.wall_s,
         "real_time_factor": facts.simulated_s / facts.wall_s if facts.wall_s > 0 else None,
-        "planned": {
-            "r_mean": over_all("planned_r", np.mean),
-            "r_std": over_all("planned_r", np.std),
-        },
-        "executed": {
-            "r_mean": over_all("executed_r", np.mean),
-            "r_std": over_all("executed_r", np.std),
-            "r5_mean": over_all("executed_r5", np.mean),
-        },
-        **{
-            column: {"mean": over_all(column, np.mean), "max": over_all(column, np.max)}
-            for column in ("position_rmse_mm", "velocity_rmse_mm_s", "final_error_mm")
-        },
+        **metric_summary(analysis),
         "targets": [
             {
                 "index": target,
@@ -142,6 +127,36 @@ def build_summary(
         "pace": facts.pace.facts() if facts.pace else None,
         **({"encoder_check": facts.encoders} if facts.encoders else {}),
         "versions": asdict(facts.versions),
+    }
+
+
+def metric_summary(analysis: Analysis | None) -> Summary:
+    """The metrics over all reaches, under the keys that they have in summary.json."""
+    metrics = analysis.metrics if analysis else None
+
+    def over_all(column: str, statistic: Callable[[np.ndarray], float]) -> float | None:
+        return _number(statistic(getattr(metrics, column))) if metrics else None
+
+    return {
+        "planned": {
+            "r_mean": over_all("planned_r", np.mean),
+            "r_std": over_all("planned_r", np.std),
+            "sparc_mean": over_all("planned_sparc", np.mean),
+            "ldlj_mean": over_all("planned_ldlj", np.mean),
+        },
+        "executed": {
+            "r_mean": over_all("executed_r", np.mean),
+            "r_std": over_all("executed_r", np.std),
+            "r5_mean": over_all("executed_r5", np.mean),
+            "sparc_mean": over_all("executed_sparc", np.mean),
+            "sparc_std": over_all("executed_sparc", np.std),
+            "ldlj_mean": over_all("executed_ldlj", np.mean),
+            "ldlj_std": over_all("executed_ldlj", np.std),
+        },
+        **{
+            column: {"mean": over_all(column, np.mean), "max": over_all(column, np.max)}
+            for column in ("position_rmse_mm", "velocity_rmse_mm_s", "final_error_mm")
+        },
     }
 
 
@@ -221,9 +236,13 @@ def _table(summary: Summary) -> Table:
 def _facts_in_words(summary: Summary) -> list[str]:
     bus, lcm = summary["bus"], summary["lcm"]
     final_error = summary["final_error_mm"]
+    planned, executed = summary["planned"], summary["executed"]
     lines = [
         f"r at 5 % of peak speed {_text(summary['executed']['r5_mean'], 2)}, "
         f"final error {_text(final_error['mean'], 2)} mm (worst {_text(final_error['max'], 2)} mm)",
+        f"smoothness: SPARC {_text(executed['sparc_mean'], 3)} (planned "
+        f"{_text(planned['sparc_mean'], 3)}), LDLJ {_text(executed['ldlj_mean'], 2)} (planned "
+        f"{_text(planned['ldlj_mean'], 2)})",
         f"{summary['simulated_s']:.1f} s simulated in {summary['wall_s']:.1f} s: "
         f"{_text(summary['real_time_factor'], 2)} times real time",
         f"CAN {bus['frames']} frames, {bus['lost']} lost; LCM {lcm['messages']} messages, "

@@ -172,7 +172,8 @@ int free_running(const free_running_options_t *options) {
         .config = {.node_id = options->node_id,
                    .serial_number = options->serial_number,
                    .referenced = options->referenced,
-                   .supervisor_reset = options->supervisor_reset},
+                   .supervisor_reset = options->supervisor_reset,
+                   .clock_fallback = options->clock_fallback},
         .last_tick_us = now_ns() / 1000,
     };
     if (options->parameters != NULL) {

@@ -18,6 +18,7 @@ typedef struct {
         *parameters;       /**< file that stands for the non-volatile memory; NULL: there is none */
     bool referenced;       /**< an absolute encoder: mode -1 needs no homing */
     bool supervisor_reset; /**< starts as after a watchdog reset */
+    bool clock_fallback;   /**< says that its clock is the internal oscillator */
     const char *can;       /**< name of the interface */
     int16_t temperature_dC;
     simulated_joint_config_t joint;

@@ -54,6 +54,7 @@ typedef struct {
     motor_node_config_t config;
     motor_node_t node;
     int64_t last_utime;
+    int64_t arm_seq; /* of the next ARM_STATE */
     int64_t frames_received;
     int64_t frames_sent;
 } rig_t;
@@ -99,6 +100,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"parameters", required_argument, NULL, 'P'},
         {"referenced", no_argument, NULL, 'R'},
         {"after-watchdog", no_argument, NULL, 'W'},
+        {"internal-oscillator", no_argument, NULL, 'O'},
         {"temperature-dC", required_argument, NULL, 'T'},
         {"inertia", required_argument, NULL, 'I'},
         {"viscous-friction", required_argument, NULL, 'V'},
@@ -164,6 +166,9 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'W':
             o->alone.supervisor_reset = true;
             break;
+        case 'O':
+            o->alone.clock_fallback = true;
+            break;
         case 'T':
             ok = parse_long(optarg, -2730, 32767, "temperature-dC", &temperature_dC);
             break;
@@ -202,6 +207,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                       "[--stall-timeout-ms N]\n"
                       "       motor_node --id 1..127|255 --free-running [--can IF] [--serial N] "
                       "[--parameters FILE] [--referenced] [--after-watchdog] "
+                      "[--internal-oscillator] "
                       "[--temperature-dC N] [--inertia X] "
                       "[--viscous-friction X] [--coulomb-friction X] "
                       "[--torque-constant X] [--index-rad X] [--angle-rad X] "
@@ -289,14 +295,36 @@ static bool step(rig_t *rig, const hpmc_lcm_arm_state_t *arm, const can_frame_t 
            publish_torque(rig, &torque);
 }
 
+/* The joint ticks of a period. False when the run ends with them, and how: *status. */
+static bool run_ticks(rig_t *rig, const can_frame_t *frames, size_t count, int *status) {
+    static lcm_udp_message_t message;
+    hpmc_lcm_arm_state_t arm;
+    for (long tick = 0; tick < rig->options.joint_ticks; ++tick, ++rig->arm_seq) {
+        const int got = await(rig, &rig->arm_state, &message);
+        if (got <= 0) {
+            *status = got == 0 ? EXIT_SUCCESS : fail(&rig->options, "ARM_STATE", strerror(errno));
+            return false;
+        }
+        if (hpmc_lcm_arm_state_t_decode(message.payload, 0, message.payload_length, &arm) < 0 ||
+            arm.seq != rig->arm_seq) {
+            *status = fail(&rig->options, "ARM_STATE", "a message is damaged or was lost");
+            return false;
+        }
+        if (!step(rig, &arm, frames, tick == 0 ? count : 0U)) {
+            *status = fail(&rig->options, "sending", strerror(errno));
+            return false;
+        }
+    }
+    return true;
+}
+
 static int run(rig_t *rig) {
     static lcm_udp_message_t message;
     hpmc_lcm_bus_closed_t closed;
-    hpmc_lcm_arm_state_t arm;
     can_frame_t frames[MOTOR_NODE_RX_MAX];
-    int64_t arm_seq = 0;
+    int status = EXIT_SUCCESS;
     for (int64_t period = 0;; ++period) {
-        int got = await(rig, &rig->bus_closed, &message);
+        const int got = await(rig, &rig->bus_closed, &message);
         if (got <= 0) {
             return got == 0 ? EXIT_SUCCESS : fail(&rig->options, "BUS_CLOSED", strerror(errno));
         }
@@ -314,18 +342,8 @@ static int run(rig_t *rig) {
                                         : fail(&rig->options, rig->options.can, "a frame was lost");
         }
         rig->frames_received += expected;
-        for (long tick = 0; tick < rig->options.joint_ticks; ++tick, ++arm_seq) {
-            got = await(rig, &rig->arm_state, &message);
-            if (got <= 0) {
-                return got == 0 ? EXIT_SUCCESS : fail(&rig->options, "ARM_STATE", strerror(errno));
-            }
-            if (hpmc_lcm_arm_state_t_decode(message.payload, 0, message.payload_length, &arm) < 0 ||
-                arm.seq != arm_seq) {
-                return fail(&rig->options, "ARM_STATE", "a message is damaged or was lost");
-            }
-            if (!step(rig, &arm, frames, tick == 0 ? count : 0U)) {
-                return fail(&rig->options, "sending", strerror(errno));
-            }
+        if (!run_ticks(rig, frames, count, &status)) {
+            return status;
         }
     }
 }

@@ -5,7 +5,7 @@
 #include "port/posix/encoder_model.h"
 
 static const double TWO_PI = 6.283185307179586;
-static const double STEP_us = 100.0;
+#define STEP_us 100U
 
 static void step(const simulated_joint_config_t *config, double torque_Nm, double step_s,
                  simulated_joint_t *joint) {
@@ -32,9 +32,9 @@ static double index_below(const simulated_joint_config_t *config, double angle_r
 void simulated_joint_advance(const simulated_joint_config_t *config, double torque_Nm,
                              uint32_t elapsed_us, simulated_joint_t *joint) {
     const double before_rad = joint->angle_rad;
-    const double steps = ceil((double)elapsed_us / STEP_us);
-    for (double i = 0.0; i < steps; i += 1.0) {
-        step(config, torque_Nm, (double)elapsed_us * 1e-6 / steps, joint);
+    const uint32_t steps = elapsed_us / STEP_us + (elapsed_us % STEP_us != 0U ? 1U : 0U);
+    for (uint32_t i = 0; i < steps; i++) {
+        step(config, torque_Nm, (double)elapsed_us * 1e-6 / (double)steps, joint);
     }
     const double below = index_below(config, before_rad);
     const double now = index_below(config, joint->angle_rad);
