@@ -221,6 +221,8 @@ def c_header(od: Dictionary) -> str:
         "/** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */",
         f"#define OD_PROTOCOL_HASH 0x{od.hash.upper()}U",
         f'#define OD_PROTOCOL_HASH_TEXT "{od.hash}"',
+        "/** Without that hash. */",
+        f'#define OD_SOFTWARE_VERSION "{od.by_key[0x100A0000].default}"',
         "",
         f"#define OD_ENTRY_COUNT {len(od.entries)}U",
         "",

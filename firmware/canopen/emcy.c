@@ -19,6 +19,7 @@ static uint8_t register_bits(emcy_code_t code) {
         return ERROR_REGISTER_GENERIC | ERROR_REGISTER_CURRENT;
     case 0x4300U:
         return ERROR_REGISTER_GENERIC | ERROR_REGISTER_TEMPERATURE;
+    case 0x5500U:
     case 0x6000U:
         return ERROR_REGISTER_GENERIC;
     case 0x8100U:
@@ -30,12 +31,11 @@ static uint8_t register_bits(emcy_code_t code) {
 }
 
 static void push(uint16_t code, uint8_t error_register, uint8_t source, int32_t detail,
-                 const object_dictionary_t *od, emcy_t *emcy) {
+                 emcy_t *emcy) {
     if (emcy->count == QUEUE_SIZE) {
         return; /* the history has it */
     }
     can_frame_t *frame = &emcy->frames[(emcy->first + emcy->count) % QUEUE_SIZE];
-    frame->id = (uint16_t)od->cob_id_emcy;
     frame->len = 8;
     little_endian_put_u16(code, &frame->data[0]);
     frame->data[2] = error_register;
@@ -62,13 +62,13 @@ void emcy_raise(emcy_code_t code, uint8_t source, int32_t detail, object_diction
 void emcy_report(emcy_code_t code, uint8_t source, int32_t detail, object_dictionary_t *od,
                  emcy_t *emcy) {
     remember((uint32_t)code, source, od);
-    push((uint16_t)code, od->error_register | register_bits(code), source, detail, od, emcy);
+    push((uint16_t)code, od->error_register | register_bits(code), source, detail, emcy);
 }
 
 void emcy_clear(object_dictionary_t *od, emcy_t *emcy) {
     if (od->error_register != 0U) {
         od->error_register = 0;
-        push(EMCY_NO_ERROR, 0, 0, 0, od, emcy);
+        push(EMCY_NO_ERROR, 0, 0, 0, emcy);
     }
 }
 
@@ -79,6 +79,7 @@ bool emcy_next(const object_dictionary_t *od, uint32_t elapsed_us, bool may_send
         return false;
     }
     *frame = emcy->frames[emcy->first];
+    frame->id = (uint16_t)od->cob_id_emcy; /* the node-id may be another than when it was queued */
     emcy->first = (uint8_t)((emcy->first + 1U) % QUEUE_SIZE);
     emcy->count--;
     emcy->since_us = 0;

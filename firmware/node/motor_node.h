@@ -30,6 +30,7 @@
 #include "cia402/homing.h"
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
+#include "node/crash_record.h"
 #include "node/parameter_store.h"
 #include "od/object_dictionary.h"
 
@@ -41,12 +42,16 @@
 /** What distinguishes one device from another: set once by the port, before motor_node_init. */
 typedef struct {
     uint8_t node_id;        /**< at power-on unless one is stored: 1..127, or LSS_UNCONFIGURED */
-    uint32_t serial_number; /**< 1018h:04, unique */
+    bool node_id_by_switch; /**< node_id is not to be replaced by a stored one */
+    uint32_t serial_number; /**< 1018h:04, unique; 0: the one that is stored */
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
     bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
+    bool image_damaged;     /**< the image's checksum is wrong: enabling is refused */
     bool clock_fallback; /**< on the internal oscillator: enabling is refused while node time comes
                               from it (2F01h = 0) */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
+    const crash_record_t *crash;      /**< of the reset before; NULL: none is kept */
+    const char *software_version;     /**< 100Ah; NULL: version and protocol hash */
     uint8_t sensor_source;            /**< 2F00h at the begin: 0 at power-on */
     uint8_t time_base;                /**< 2F01h at the begin: 0 at power-on */
 } motor_node_config_t;
@@ -79,6 +84,7 @@ typedef struct {
 #define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
+#define LIMIT_REASON_IMAGE 0x4000U          /**< the image is damaged */
 #define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator, free-running */
 
 /** Modes of operation (6060h). */
@@ -90,6 +96,7 @@ typedef struct {
 /** Read it in tests and simulators; only the functions below change it. */
 typedef struct {
     object_dictionary_t od;
+    object_dictionary_t power_on; /**< workspace of a reset: too large for the stack */
     const parameter_memory_t *memory;
 
     uint8_t node_id;        /**< in use: 1..127, or LSS_UNCONFIGURED */
@@ -117,6 +124,7 @@ typedef struct {
     uint32_t since_command_us;
 
     bool referenced;
+    bool encoder_referenced; /**< without homing: an absolute encoder */
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */
@@ -133,6 +141,7 @@ typedef struct {
     uint32_t speed_ppm; /**< of 6080h, in that interval */
     bool bus_off;
     bool clock_fallback;
+    bool image_damaged;
     uint32_t current_mA;
     uint64_t mean_square_mA2;
     uint32_t load_ppm; /**< of it, in the last interval of the speed; see derating.h */

@@ -110,6 +110,9 @@ static uint16_t refusals(int8_t mode, const motor_node_t *node) {
     if (!node->position_known) {
         reasons |= LIMIT_REASON_NO_POSITION;
     }
+    if (node->image_damaged) {
+        reasons |= LIMIT_REASON_IMAGE;
+    }
     if (node->clock_fallback && od->time_base == 0U) {
         reasons |= LIMIT_REASON_CLOCK;
     }

@@ -120,6 +120,14 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x2105U, 3U, OD_U16, OD_RW, AT(derating_current_time_ms), 0x1U, 0xFFFFU},
     {0x2105U, 4U, OD_U32, OD_RW, AT(derating_current_fault_mA), 0x1U, 0x186A0U},
     {0x2105U, 5U, OD_U8, OD_RW, AT(derating_speed_begin_percent), 0x0U, 0x63U},
+    {0x2106U, 0U, OD_U8, OD_CONST, 0U, 0x7U, 0x7U},
+    {0x2106U, 1U, OD_U16, OD_RW, AT(joint_hardware_full_scale_mNm), 0x0U, 0xFFFFU},
+    {0x2106U, 2U, OD_I16, OD_RW, AT(joint_hardware_offset_centi_percent), 0xFFFFFE0CU, 0x1F4U},
+    {0x2106U, 3U, OD_U16, OD_RW, AT(joint_hardware_current_zero_mV), 0x0U, 0xCE4U},
+    {0x2106U, 4U, OD_U16, OD_RW, AT(joint_hardware_current_mA_per_V), 0x1U, 0xFFFFU},
+    {0x2106U, 5U, OD_U16, OD_RW, AT(joint_hardware_temperature_zero_mV), 0x0U, 0xCE4U},
+    {0x2106U, 6U, OD_I16, OD_RW, AT(joint_hardware_temperature_uV_per_K), 0xFFFF8000U, 0x7FFFU},
+    {0x2106U, 7U, OD_U8, OD_RW, AT(joint_hardware_encoder_reversed), 0x0U, 0x1U},
     {0x2200U, 0U, OD_U16, OD_RO, AT(limit_reasons), 0x0U, 0xFFFFU},
     {0x2201U, 0U, OD_U8, OD_CONST, 0U, 0x9U, 0x9U},
     {0x2201U, 1U, OD_U16, OD_RO, AT(counters_missed_sync), 0x0U, 0xFFFFU},
@@ -132,6 +140,15 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x2201U, 8U, OD_U16, OD_RO, AT(counters_frames_not_read), 0x0U, 0xFFFFU},
     {0x2201U, 9U, OD_U16, OD_RO, AT(counters_frames_not_sent), 0x0U, 0xFFFFU},
     {0x2202U, 0U, OD_I16, OD_RO, AT(motor_temperature), 0xFFFF8000U, 0x7FFFU},
+    {0x2203U, 0U, OD_U8, OD_CONST, 0U, 0x8U, 0x8U},
+    {0x2203U, 1U, OD_U8, OD_RO, AT(crash_record_cause), 0x0U, 0xFFU},
+    {0x2203U, 2U, OD_U32, OD_RO, AT(crash_record_program_counter), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 3U, OD_U32, OD_RO, AT(crash_record_link_register), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 4U, OD_U32, OD_RO, AT(crash_record_program_status), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 5U, OD_U32, OD_RO, AT(crash_record_fault_status), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 6U, OD_U32, OD_RO, AT(crash_record_hard_fault_status), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 7U, OD_U32, OD_RO, AT(crash_record_fault_address), 0x0U, 0xFFFFFFFFU},
+    {0x2203U, 8U, OD_U16, OD_RO, AT(crash_record_resets), 0x0U, 0xFFFFU},
     {0x2F00U, 0U, OD_U8, OD_RW, AT(sensor_source), 0x0U, 0x1U},
     {0x2F01U, 0U, OD_U8, OD_RW, AT(time_base), 0x0U, 0x1U},
     {0x2F02U, 0U, OD_U8, OD_CONST, 0U, 0x4U, 0x4U},
@@ -243,6 +260,13 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->derating_current_time_ms = 1000U;
     od->derating_current_fault_mA = 20000U;
     od->derating_speed_begin_percent = 90U;
+    od->joint_hardware_full_scale_mNm = 0U;
+    od->joint_hardware_offset_centi_percent = 0;
+    od->joint_hardware_current_zero_mV = 1650U;
+    od->joint_hardware_current_mA_per_V = 10000U;
+    od->joint_hardware_temperature_zero_mV = 500U;
+    od->joint_hardware_temperature_uV_per_K = 10000;
+    od->joint_hardware_encoder_reversed = 0U;
     od->limit_reasons = 0U;
     od->counters_missed_sync = 0U;
     od->counters_duplicate_sync = 0U;
@@ -254,6 +278,14 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->counters_frames_not_read = 0U;
     od->counters_frames_not_sent = 0U;
     od->motor_temperature = 0;
+    od->crash_record_cause = 0U;
+    od->crash_record_program_counter = 0U;
+    od->crash_record_link_register = 0U;
+    od->crash_record_program_status = 0U;
+    od->crash_record_fault_status = 0U;
+    od->crash_record_hard_fault_status = 0U;
+    od->crash_record_fault_address = 0U;
+    od->crash_record_resets = 0U;
     od->sensor_source = 0U;
     od->time_base = 0U;
     od->injected_sensors_position = 0;

@@ -46,6 +46,39 @@ can_frame_t to_node(unsigned function, std::size_t node, std::initializer_list<u
 
 } // namespace
 
+BenchBus::BenchBus(const std::string &address) {
+    if (address.rfind("slcan:", 0) == 0) {
+        adapter_ = std::make_unique<SlcanLink>(address, "SLCAN adapter");
+        adapter_->open_adapter();
+    } else {
+        can_ = std::make_unique<CanBus>(address);
+    }
+}
+
+void BenchBus::send(const can_frame_t *frames, std::size_t count) {
+    adapter_ ? adapter_->send(frames, count) : can_->send(frames, count);
+}
+
+void BenchBus::receive_available(PeriodFrames &frames) {
+    adapter_ ? adapter_->receive_available(frames) : can_->receive_available(frames);
+}
+
+std::string BenchBus::losses_json(std::size_t beyond) const {
+    char text[160];
+    if (adapter_) {
+        const SlcanStats &stats = adapter_->stats();
+        std::snprintf(text, sizeof text, "\"frames_lost\": %lld, \"refused\": %lld",
+                      static_cast<long long>(stats.garbled) + static_cast<long long>(beyond),
+                      static_cast<long long>(stats.refused));
+    } else {
+        const can_socket_t &socket = can_->socket();
+        std::snprintf(text, sizeof text,
+                      "\"frames_lost\": %zu, \"back_pressure\": %u, \"error_frames\": %u",
+                      socket.dropped + beyond, socket.back_pressure, socket.error_frames);
+    }
+    return text;
+}
+
 BenchHost::BenchHost(const BenchOptions &options, const RunConfig &config)
     : config_(checked(config)), injected_(config.sensors == Sensors::injected), schedule_(config),
       cycle_(config, time_base(config)), encoder_check_(config), bus_(options.can),
@@ -191,13 +224,11 @@ void BenchHost::step(std::int64_t period) {
 }
 
 void BenchHost::say_stats() const {
-    const can_socket_t &socket = bus_.socket();
-    std::printf("STATS {\"frames\": %lld, \"frames_lost\": %zu, \"load_typical_percent\": %.2f, "
-                "\"back_pressure\": %u, \"error_frames\": %u, %s, %s%s%s}\n",
-                static_cast<long long>(account_.frames()), socket.dropped + frames_beyond_,
+    std::printf("STATS {\"frames\": %lld, \"load_typical_percent\": %.2f, %s, %s, %s%s%s}\n",
+                static_cast<long long>(account_.frames()),
                 account_.load_typical_percent() * static_cast<double>(config_.bench.sync_Hz) /
                     1000.0,
-                socket.back_pressure, socket.error_frames, pacer_.stats_json().c_str(),
+                bus_.losses_json(frames_beyond_).c_str(), pacer_.stats_json().c_str(),
                 hpmc::to_json(realtime_).c_str(), injected_ ? "" : ", ",
                 injected_ ? "" : encoder_check_.to_json().c_str());
     std::fflush(stdout);

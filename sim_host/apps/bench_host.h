@@ -19,8 +19,25 @@
 #include "link/lcm_link.h"
 #include "link/pacer.h"
 #include "link/realtime.h"
+#include "link/slcan_link.h"
 
 namespace hpmc {
+
+/// The bus by its address: an interface of the kernel, or slcan:DEVICE, an SLCAN adapter.
+class BenchBus {
+  public:
+    explicit BenchBus(const std::string &address);
+
+    void send(const can_frame_t *frames, std::size_t count);
+    /// Appends the frames that are there, without waiting.
+    void receive_available(PeriodFrames &frames);
+    /// Losses as the inside of a JSON object; `beyond`: frames that the host had no room for.
+    std::string losses_json(std::size_t beyond) const;
+
+  private:
+    std::unique_ptr<CanBus> can_;
+    std::unique_ptr<SlcanLink> adapter_;
+};
 
 struct BenchOptions {
     std::string can;
@@ -54,7 +71,7 @@ class BenchHost {
     RunSchedule schedule_;
     HostCycle cycle_;
     EncoderCheck encoder_check_;
-    CanBus bus_;
+    BenchBus bus_;
     std::unique_ptr<LcmReceiver> wrench_; ///< with a simulated arm
     LcmSender plant_;
     LcmSender observers_;

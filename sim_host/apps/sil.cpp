@@ -31,12 +31,27 @@ int run(SilRig &rig) {
     return going_on ? 0 : kExitRunEnded;
 }
 
+SilRig make_rig(const SilOptions &options, const RunConfig &config,
+                const std::vector<std::string> &nodes) {
+    if (nodes.empty()) {
+        return SilRig(options, config);
+    }
+    if (nodes.size() != kJoints) {
+        throw ConfigError("--node: one for each of the three nodes, or none");
+    }
+    if (config.sensors != Sensors::injected) {
+        throw ConfigError("--node: needs rig.sensors = injected");
+    }
+    return SilRig(options, config, emulated_nodes(nodes), "emulated");
+}
+
 } // namespace
 
 int main(int argc, char **argv) {
     CLI::App app{"The rig in one process."};
     ConfigOptions config_options;
     SilOptions options;
+    std::vector<std::string> nodes;
     config_options.add_to(app);
     app.add_option("--log", options.log, "LCM event log to write; none when left out");
     add_log_level(app, options.level);
@@ -44,10 +59,13 @@ int main(int argc, char **argv) {
         ->check(CLI::Range(std::int64_t{0}, std::int64_t{100000}));
     app.add_option("--repetitions", options.repetitions)
         ->check(CLI::Range(std::int64_t{0}, std::int64_t{100000}));
+    app.add_option("--node", nodes,
+                   "node at the other end of a line, instead of one in this process: "
+                   "slcan:tcp:HOST:PORT or slcan:DEVICE; three times, in order");
     return run_app("sil", app, argc, argv, [&] {
         const RunConfig config = config_options.load();
         stop_signal_install(false);
-        SilRig rig(options, config);
+        SilRig rig = make_rig(options, config, nodes);
         return run(rig);
     });
 }

@@ -246,6 +246,50 @@ void test_injected_sensors(void) {
     TEST_ASSERT_EQUAL_INT16(300, rig.node.od.motor_temperature);
 }
 
+void test_a_reference_belongs_to_its_sensor(void) {
+    rig.config.referenced = false;
+    motor_node_init(&rig.config, &rig.node);
+    rig_start();
+    TEST_ASSERT_FALSE(rig.node.referenced);
+    rig.node.offset_inc = 100; /* homed */
+    rig.node.referenced = true;
+    rig_write(0x2F00, 0, 1, 0); /* the same again */
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.referenced);
+    TEST_ASSERT_EQUAL_INT32(5100, rig.node.od.position_actual_value);
+    rig_write(0x2F00, 0, 1, 1);
+    rig_inject(777, 1, 0);
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.referenced); /* injected positions are absolute */
+    TEST_ASSERT_EQUAL_INT32(777, rig.node.od.position_actual_value);
+    rig_write(0x2F00, 0, 1, 0);
+    rig_step();
+    TEST_ASSERT_FALSE(rig.node.referenced);
+    TEST_ASSERT_EQUAL_INT32(5000, rig.node.od.position_actual_value);
+}
+
+void test_a_restart_keeps_what_belongs_to_the_bench(void) {
+    rig.config.supervisor_reset = true;
+    rig_write(0x2F00, 0, 1, 1);
+    rig_write(0x2F01, 0, 1, 1);
+    rig_step();
+    rig_step();
+    motor_node_restart(&rig.config, &rig.node);
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.sensor_source);
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.time_base);
+    TEST_ASSERT_TRUE(rig.node.referenced);
+    TEST_ASSERT_FALSE(rig.node.position_known);
+    TEST_ASSERT_FALSE(rig.config.supervisor_reset); /* reported once */
+}
+
+void test_frames_that_the_port_has_lost_are_counted(void) {
+    rig.input.frames_lost = 3;
+    rig_step();
+    rig.input.frames_lost = UINT32_MAX;
+    rig_step();
+    TEST_ASSERT_EQUAL_UINT16(UINT16_MAX, rig.node.od.counters_frames_not_read);
+}
+
 void test_injected_sensors_are_refused_unless_chosen(void) {
     rig_start();
     rig_inject(777, 1, 0);

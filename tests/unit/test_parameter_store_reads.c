@@ -2,6 +2,7 @@
 #include "unity.h"
 
 #include "fake_memory.h"
+#include "node/motor_node.h"
 
 typedef struct {
     fake_memory_t fake;
@@ -42,15 +43,16 @@ static bool write(void *context, uint8_t copy, size_t offset, const uint8_t *dat
 static const parameter_memory_t memory = {
     .context = &failing, .read = read, .erase = erase, .write = write};
 
-/* Makes the reads beyond the first ones fail; returns whether the stored set 7 was loaded. */
+/* Makes the reads beyond the first ones fail; returns whether the stored set 7 was loaded. A load
+ * that fails may leave a part of it: test_node_has_all_or_nothing. */
 static bool load_after(size_t reads) {
-    static object_dictionary_t defaults; /* with zeros between its fields, as all are */
-    object_dictionary_init(2, &defaults);
     object_dictionary_init(2, &loaded);
     node_id = 0;
     failing.reads_left = reads;
     const bool stored = parameter_store_load(&memory, &loaded, &node_id);
-    TEST_ASSERT_EQUAL_MEMORY(stored ? &od : &defaults, &loaded, sizeof loaded);
+    if (stored) {
+        TEST_ASSERT_EQUAL_MEMORY(&od, &loaded, sizeof loaded);
+    }
     TEST_ASSERT_EQUAL_UINT8(stored ? 7 : 0, node_id);
     return stored;
 }
@@ -60,6 +62,7 @@ void setUp(void) {
     failing.reads_left = SIZE_MAX;
     object_dictionary_init(2, &od);
     od.producer_heartbeat_time = 7; /* among the first of the set */
+    od.fic_q_a_urad = 7777;         /* in the middle */
     od.homing_method = 33;          /* among the last */
     TEST_ASSERT_TRUE(parameter_store_save(&memory, PARAMETER_STORE_VALUES, &od, 7));
 }
@@ -79,6 +82,26 @@ void test_load(void) {
         TEST_ASSERT_FALSE(load_after(reads));
     }
     TEST_ASSERT_TRUE(load_after(needed));
+}
+
+void test_node_has_all_or_nothing(void) {
+    static motor_node_t node;
+    static object_dictionary_t defaults; /* with zeros between its fields, as all are */
+    const motor_node_config_t config = {.node_id = 2, .serial_number = 5, .memory = &memory};
+    const uint32_t heartbeat = 7;
+    size_t whole = 0;
+    object_dictionary_init(2, &defaults);
+    /* A start loads three times: the node-id, all values, and those of the communication. */
+    for (size_t reads = 0; reads < 5U * reads_of_a_load(); reads++) {
+        failing.reads_left = reads;
+        motor_node_init(&config, &node);
+        const bool first = node.od.producer_heartbeat_time == heartbeat;
+        const bool last = node.od.homing_method == 33;
+        TEST_ASSERT_TRUE(first ? last : true); /* communication is loaded last */
+        TEST_ASSERT_TRUE(node.od.fic_q_a_urad == defaults.fic_q_a_urad || last);
+        whole += first && last ? 1U : 0U;
+    }
+    TEST_ASSERT_TRUE(whole > 0U);
 }
 
 void test_save_of_another_node_id(void) {

@@ -8,6 +8,7 @@ MODULES = {
     "node": "hpmc.node",
     "log": "hpmc.log",
     "bench": "hpmc.bench",
+    "flash": "hpmc.flash",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",
 }

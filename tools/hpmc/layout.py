@@ -7,6 +7,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # ./rig names the build that it made: build/host, or build/host-fixed for --fixed.
 BUILD = Path(os.environ.get("HPMC_BUILD", ROOT / "build" / "host"))
 NUMBERS = "fixed" if BUILD.name == "host-fixed" else "float"  # of the joint controllers
+# The image for the board, in the same numbers.
+IMAGES = BUILD.with_name("stm32f405-fixed" if NUMBERS == "fixed" else "stm32f405")
 CONFIG = ROOT / "sim_host" / "config"
 RUNS = ROOT / "runs"
 WITH_VCAN = ROOT / "tools" / "with-vcan"

@@ -4,6 +4,7 @@ import argparse
 import datetime
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -53,6 +54,7 @@ def parse(argv: Sequence[str]) -> Experiment:
         choices=tuple(MODES),
         default="vcan",
         help="sil: one process; vcan: one process per box, on a CAN bus (default); "
+        "emulated: as sil, nodes are the flash image on an emulated Cortex-M4; "
         "bench: real boards on a CAN interface, by the wall clock",
     )
     parser.add_argument(
@@ -121,7 +123,7 @@ def parse(argv: Sequence[str]) -> Experiment:
         name=options.experiment,
         mode=options.mode,
         config=options.config,
-        overrides=[*MODES[options.mode].defaults, *all_overrides(options)],
+        overrides=all_overrides(options),
         fixed=options.fixed,
         pace=options.pace,
         jobs=options.jobs,
@@ -195,8 +197,9 @@ def execute(experiment: Experiment, console: Console) -> Path:
 
     Raises ConfigurationError before anything was made, RunError and RunInterrupted after.
     """
-    configuration = experiment.load()
     mode = MODES[experiment.mode]
+    experiment = replace(experiment, overrides=[*mode.overrides, *experiment.overrides])
+    configuration = experiment.load()
     mode.check(experiment, configuration)
     level = experiment.log_level(configuration)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")

@@ -162,6 +162,12 @@ def steps() -> list[Step]:
             120, "one test alone: build/venv/bin/python -m pytest tests/quality -k NAME",
         ),
         Step(
+            "image", "the image for the STM32F405: its files, budgets, and faults on the emulator",
+            [["cmake", "--preset", "stm32f405"], ["cmake", "--preset", "stm32f405-fixed"],
+             [*PYTEST, "tests/image"]], 600,
+            "one test alone: build/venv/bin/python -m pytest tests/image -k NAME",
+        ),
+        Step(
             "tools", "Python tests of the tools",
             [[*PYTEST, "tests/tools", "--ignore", FIXED_TESTS]], 400,
             "one test alone: build/venv/bin/python -m pytest tests/tools -k NAME", after="build",

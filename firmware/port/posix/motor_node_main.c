@@ -2,7 +2,8 @@
  * motor_node: the firmware on the POSIX port, on SocketCAN. In the stepped time base encoder and
  * motor are the simulated arm's over LCM: one joint tick per ARM_STATE, and the frames of a SYNC
  * period are complete when BUS_CLOSED says how many there are (docs/architecture.md). With
- * --free-running the node is alone on the bus and on the wall clock (free_running.h).
+ * --free-running the node is alone on the bus and on the wall clock (free_running.h). With --slcan
+ * it has a TCP port in place of a bus (slcan_server.h).
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -20,6 +21,7 @@
 #include "port/posix/free_running.h"
 #include "port/posix/lcm_udp.h"
 #include "port/posix/node_filters.h"
+#include "port/posix/slcan_server.h"
 #include "port/posix/stop_signal.h"
 
 enum {
@@ -41,6 +43,8 @@ typedef struct {
     long increments_per_revolution;
     long stall_timeout_ms;
     bool free_running;
+    bool slcan;
+    long slcan_port;
     free_running_options_t alone;
 } options_t;
 
@@ -96,6 +100,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"increments-per-revolution", required_argument, NULL, 'r'},
         {"stall-timeout-ms", required_argument, NULL, 's'},
         {"free-running", no_argument, NULL, 'f'},
+        {"slcan", required_argument, NULL, 'L'},
         {"serial", required_argument, NULL, 'S'},
         {"parameters", required_argument, NULL, 'P'},
         {"referenced", no_argument, NULL, 'R'},
@@ -154,6 +159,10 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'f':
             o->free_running = true;
             break;
+        case 'L':
+            o->slcan = true;
+            ok = parse_long(optarg, 0, UINT16_MAX, "slcan", &o->slcan_port);
+            break;
         case 'S':
             ok = parse_long(optarg, 0, UINT32_MAX, "serial", &serial);
             break;
@@ -198,8 +207,9 @@ static bool parse_options(int argc, char **argv, options_t *o) {
             break;
         }
     }
-    const long highest_id = o->free_running ? NODE_ID_MAX : JOINT_COUNT;
-    const bool unconfigured = o->free_running && o->node_id == LSS_UNCONFIGURED;
+    const bool alone = o->free_running || o->slcan;
+    const long highest_id = alone ? NODE_ID_MAX : JOINT_COUNT;
+    const bool unconfigured = alone && o->node_id == LSS_UNCONFIGURED;
     if (ok && (o->node_id == 0 || (o->node_id > highest_id && !unconfigured) || optind != argc)) {
         (void)fprintf(stderr,
                       "usage: motor_node --id 1|2|3 [--can IF] [--plant-url URL] "
@@ -211,7 +221,9 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                       "[--temperature-dC N] [--inertia X] "
                       "[--viscous-friction X] [--coulomb-friction X] "
                       "[--torque-constant X] [--index-rad X] [--angle-rad X] "
-                      "[--encoder-sign 1|-1]\n");
+                      "[--encoder-sign 1|-1]\n"
+                      "       motor_node --id 1..127|255 --slcan PORT [--serial N] "
+                      "[--referenced]\n");
         ok = false;
     }
     o->alone.node_id = (uint8_t)o->node_id;
@@ -354,6 +366,12 @@ int main(int argc, char **argv) {
         return EXIT_USAGE;
     }
     stop_signal_install(!rig.options.free_running);
+    if (rig.options.slcan) {
+        rig.config = (motor_node_config_t){.node_id = rig.options.alone.node_id,
+                                           .serial_number = rig.options.alone.serial_number,
+                                           .referenced = rig.options.alone.referenced};
+        return slcan_server(&rig.config, (uint16_t)rig.options.slcan_port);
+    }
     if (rig.options.free_running) {
         return free_running(&rig.options.alone);
     }

@@ -142,6 +142,13 @@ bool slcan_node_receive(const motor_node_t *node, uint8_t byte, slcan_node_t *sl
     return slcan->step_due;
 }
 
+bool slcan_node_take(const motor_node_t *node, const can_frame_t *frame, slcan_node_t *slcan,
+                     slcan_node_text_t *text) {
+    text->length = 0;
+    receive_frame(node, frame, slcan, text);
+    return slcan->step_due;
+}
+
 void slcan_node_lose(slcan_node_t *slcan) {
     slcan_lose(&slcan->line);
 }

@@ -66,6 +66,12 @@ typedef struct {
 bool slcan_node_receive(const motor_node_t *node, uint8_t byte, slcan_node_t *slcan,
                         slcan_node_text_t *text);
 
+/** A frame of a bus in place of a line, for a port that has one: the same queue, the same rule of
+ * the stepped time base. text: for the answer to a line, not to be sent. True: a step is due before
+ * the next frame is taken in. */
+bool slcan_node_take(const motor_node_t *node, const can_frame_t *frame, slcan_node_t *slcan,
+                     slcan_node_text_t *text);
+
 /** The receiver has lost bytes: the line under way will be refused. */
 void slcan_node_lose(slcan_node_t *slcan);
 

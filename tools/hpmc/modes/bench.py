@@ -13,7 +13,7 @@ from hpmc.layout import PROGRAMS
 from hpmc.modes.job import Job, Outcome
 from hpmc.modes.vcan import LOG, run_session
 
-DEFAULTS = ("bus.pipeline=2",)
+OVERRIDES = ("bus.pipeline=2",)
 BITRATE = 1_000_000
 INJECTED_SYNC_MAX_HZ = 500  # on a physical bus
 SLCAN = "slcan:"
@@ -32,8 +32,10 @@ def find_interface(name: str) -> Interface:
     """Raises ConfigurationError where it cannot carry the rig's frames."""
     where = f"--can {name}"
     if name.startswith(SLCAN):
-        device = Path(name.removeprefix(SLCAN))
-        if not device.exists() or not stat.S_ISCHR(device.stat().st_mode):
+        address = name.removeprefix(SLCAN)
+        device = Path(address.partition("@")[0])  # slcan:DEVICE@BAUD
+        is_device = device.exists() and stat.S_ISCHR(device.stat().st_mode)
+        if not (is_device or address.startswith("tcp:")):
             raise ConfigurationError(f"{where}: {device} is no serial device")
         return Interface(name, virtual=False)
     told = subprocess.run(

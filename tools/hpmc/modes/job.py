@@ -42,4 +42,4 @@ class Mode:
 
     check: Callable[[Experiment, Configuration], None]  # raises ConfigurationError
     run: Callable[[Job], Outcome]
-    defaults: tuple[str, ...] = ()  # section.key=value, over the file, under the command line
+    overrides: tuple[str, ...] = ()  # section.key=value that the mode brings, under the user's own
