@@ -9,7 +9,7 @@ import pytest
 
 from hpmc.configuration import ConfigurationError, load_configuration
 from hpmc.modes import bench
-from hpmc.movements import slopes
+from hpmc.movements import held, slopes
 
 
 def link(kind: str = "", **changes: Any) -> dict[str, Any]:
@@ -61,6 +61,11 @@ def test_injected_sensors_at_one_kilohertz_are_for_virtual_buses() -> None:
     bench.check_load(bench.Interface("vcan0", True), configuration)
     with pytest.raises(ConfigurationError, match=r"128\.0 % of can0 .* bench\.sync_Hz=500"):
         bench.check_load(bench.Interface("can0", False), configuration)
+
+
+def test_a_place_stands_while_none_is_told() -> None:
+    told = np.array([[0.3, 0.1], [0.3, 0.0], [0.0, 0.0], [0.0, 0.0], [0.2, 0.1]])
+    assert held(told)[:, 0].tolist() == [0.3, 0.3, 0.3, 0.3, 0.2]
 
 
 def test_slopes_of_a_parabola_are_exact_and_steps_are_smoothed() -> None:

@@ -78,7 +78,7 @@ def draw_timing(pace: dict[str, Any], folder: Path) -> list[Path]:
     bins, counts = np.array(pace["period_histogram"]).reshape(-1, 2).T
     span = max(0.1 * period_ms, 1.1 * np.abs((bins + 0.5) * bin_ms - period_ms).max(initial=0.0))
     files = []
-    with _style():
+    with style():
         figure = _figure(6.4, 3.2)
         axes = figure.subplots()
         axes.axvspan(

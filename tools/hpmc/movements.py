@@ -122,12 +122,19 @@ class ReachIndex:
         half = max(round(SMOOTHED_S * 0.5e6 / self.period_us), 1)
         low = max(int(rows[0]) - half, 0)
         links = self._log.column("HPMC_STATE", "x_link_m", low, int(rows[-1]) + 1 + half)
-        hand = links.reshape(links.shape[0], -1, 2)[:, HAND]
+        hand = held(links.reshape(links.shape[0], -1, 2)[:, HAND])
         velocity = slopes(hand, half, self.period_us * 1e-6)
         return (
             hand[rows - low].reshape(-1, self.ticks, 2),
             velocity[rows - low].reshape(-1, self.ticks, 2),
         )
+
+
+def held(hand_m: np.ndarray) -> np.ndarray:
+    """Outside the periods in which the layers ran (0, 0) is told: there the last place stands."""
+    told = hand_m.any(axis=1)
+    last = np.maximum.accumulate(np.where(told, np.arange(told.size), 0))
+    return hand_m[last]
 
 
 def slopes(values: np.ndarray, half: int, period_s: float) -> np.ndarray:

@@ -137,3 +137,4 @@ def test_free_running_nodes_with_joints_of_their_own(boards: Boards, tmp_path: P
     # The hand of the summary is the one that the nodes measured, and it followed X_d.
     assert np.isfinite(summary["position_rmse_mm"]["mean"])
     assert summary["position_rmse_mm"]["max"] < 30.0
+    assert summary["velocity_rmse_mm_s"]["max"] < 300.0
