@@ -12,6 +12,9 @@ import pytest
 from conftest import IFACE, Boards
 from rigrun import Run, RunningRig, frames, marked_processes, run_rig
 
+from hpmc.analysis import analyse_logs
+from hpmc.lcm_log import LcmLog
+
 # 16 reaches in 1.45 s of simulated time: what is looked at does not depend on how far they get.
 SHORTEST = [
     word
@@ -64,6 +67,23 @@ def test_stepped_nodes_give_the_run_of_sil(
     check_injected(run, in_one_process)
     assert run.summary["pace"]["period_us"] == 10000
     assert run.summary["wall_s"] >= 0.009 * PERIODS  # in slow motion
+
+
+def test_the_nodes_alone_tell_what_the_arm_did(
+    in_one_process: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real arm has no ARM_STATE: its results come from what the nodes measured."""
+    log = [in_one_process.folder / "run.lcmlog"]
+    told = analyse_logs(log, 0.05).metrics
+    channels = [name for name in LcmLog(log[0]).channels if name != "ARM_STATE"]
+    monkeypatch.setattr(LcmLog, "channels", channels)
+    measured = analyse_logs(log, 0.05).metrics
+    assert len(measured) == 16
+    for column, within in (("position_rmse_mm", 0.01), ("velocity_rmse_mm_s", 0.15),
+                           ("final_error_mm", 0.01)):  # fmt: skip
+        found = getattr(measured, column).mean()
+        assert found == pytest.approx(getattr(told, column).mean(), rel=within)
+        assert found != getattr(told, column).mean()
 
 
 def test_sync_at_one_kilohertz(boards: Boards, in_one_process: Run, tmp_path: Path) -> None:
