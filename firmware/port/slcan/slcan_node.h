@@ -50,8 +50,8 @@ typedef struct {
 /** All zero at power-on; outlives an NMT reset of the node, as an adapter would. */
 typedef struct {
     slcan_line_t line;
-    bool open; /**< the channel: between O and C */
-    uint8_t flags;
+    bool open;            /**< the channel: between O and C */
+    uint8_t flags;        /**< bits, see above; 0..255 */
     uint32_t frames_lost; /**< since the last step */
     bool step_due;
     tick_closing_t closing;
