@@ -203,7 +203,7 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
         ++periods_enabled_;
     }
 
-    if (point_.reach == 0 && point_.target_changes && fault_.empty()) {
+    if (point_.reach == 0 && point_.reach_begins && fault_.empty()) {
         if (!operating()) {
             raise("the nodes were not enabled within schedule.setup_s");
         } else if ((arm_.link_ends(q_rad_)[hand] - schedule_.target_m(0)).norm() >

@@ -25,10 +25,19 @@ struct ConfigError : std::runtime_error {
 /// Number of targets on the clock.
 constexpr int kClockTargets = 8;
 
+/// What the target of the hand does.
+enum class TargetPath {
+    clock,           ///< jumps from home to the targets of the clock and back
+    figure_of_eight, ///< runs along an eight around home
+};
+
 struct ExperimentConfig {
+    TargetPath path;
     Eigen::Vector2d centre_m;
     double radius_m;
-    double period_s; ///< a new target each period
+    double period_s;      ///< of a reach
+    std::int64_t reaches; ///< of a repetition
+    double waypoint_s;    ///< from one target to the next on a path
     std::int64_t repetitions;
     std::int64_t seed;
 };

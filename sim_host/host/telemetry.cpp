@@ -11,6 +11,7 @@ namespace hpmc {
 namespace {
 
 constexpr std::int64_t kRunInfoPeriod_us = 1000000;
+constexpr std::int32_t kWaypoint = -2; ///< arm_target_t.target
 
 #ifdef CONTROL_FIXED_POINT
 constexpr const char *kJointNumbers = "fixed";
@@ -62,13 +63,13 @@ bool Telemetry::target_changed(const HostCycle &cycle) {
     if (!point.target_changes) {
         return false;
     }
-    const bool outward = point.reach % 2 == 0;
     arm_target_.utime = cycle.state().utime;
     arm_target_.x_t_m[0] = point.x_t_m.x();
     arm_target_.x_t_m[1] = point.x_t_m.y();
-    arm_target_.target = outward ? point.target : 0;
+    const bool home = point.target != 0 && point.reach % 2 != 0;
+    arm_target_.target = home ? 0 : (point.target != 0 ? point.target : kWaypoint);
     // Numbered by the schedule, so that it grows through repetitions whoever runs them.
-    arm_target_.seq = point.repetition * kReaches + point.reach;
+    arm_target_.seq = point.target_seq;
     return true;
 }
 

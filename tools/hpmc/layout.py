@@ -10,7 +10,7 @@ NUMBERS = "fixed" if BUILD.name == "host-fixed" else "float"  # of the joint con
 # The image for the board, in the same numbers.
 IMAGES = BUILD.with_name("stm32f405-fixed" if NUMBERS == "fixed" else "stm32f405")
 CONFIG = ROOT / "sim_host" / "config"
-RUNS = ROOT / "runs"
+RUNS = Path(os.environ.get("HPMC_RUNS", ROOT / "runs"))
 WITH_VCAN = ROOT / "tools" / "with-vcan"
 LAUNCHER = ROOT / "tools" / "hpmc" / "launcher.py"
 

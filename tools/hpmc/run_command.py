@@ -2,6 +2,7 @@
 
 import argparse
 import datetime
+import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import NoReturn
 from rich.console import Console
 
 from hpmc.configuration import Configuration, ConfigurationError, experiments
-from hpmc.experiment import FULL_LOG_REACHES, Experiment
+from hpmc.experiment import FULL_LOG_REACHES, Experiment, override_lines
 from hpmc.layout import RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
@@ -62,7 +63,9 @@ def parse(argv: Sequence[str]) -> Experiment:
         choices=("direct", "injected"),
         help="how the nodes see the arm: LCM, or RPDO4 and TPDO1",
     )
-    parser.add_argument("--repetitions", metavar="N", help="of 16 reaches each")
+    parser.add_argument(
+        "--repetitions", metavar="N", help="each from boot to stop; the clock: of 16 reaches"
+    )
     parser.add_argument("--joint-rate-hz", choices=("1000", "5000"), help="joint loop of the nodes")
     parser.add_argument("--phase-rule", choices=("body_motion", "error_growth"), help="of the FIC")
     parser.add_argument("--fixed", action="store_true",
@@ -164,11 +167,28 @@ def check_folder(folder: Path) -> None:
         raise ConfigurationError(f"--out {folder}: exists already and is not empty")
 
 
-def make_folder(folder: Path, configuration: Configuration) -> Path:
-    """Makes the output folder with config.toml in it, and returns the latter."""
-    config_file = folder / "config.toml"
+def make_new(folder: Path) -> bool:
+    """Makes a folder; False where there is one of this name."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
+
+
+def make_folder(folder: Path, configuration: Configuration, *, named: bool) -> Path:
+    """Makes the output folder with config.toml in it, and returns the latter.
+
+    A folder that was not named by the user gets a number where there is one of this name already:
+    runs of a script may begin within the same second.
+    """
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
+    try:
+        if named:
+            folder.mkdir(parents=True, exist_ok=True)
+        else:
+            folder = next(filter(make_new, itertools.chain([folder], numbered)))
+        config_file = folder / "config.toml"
         config_file.write_text(configuration.toml)
     except OSError as error:
         raise ConfigurationError(f"--out {folder}: cannot be written: {error.strerror}") from None
@@ -197,18 +217,26 @@ def execute(experiment: Experiment, console: Console) -> Path:
 
     Raises ConfigurationError before anything was made, RunError and RunInterrupted after.
     """
+    if experiment.mode not in MODES:
+        raise ConfigurationError(
+            f"there is no mode '{experiment.mode}' (choose from {', '.join(MODES)})"
+        )
     mode = MODES[experiment.mode]
-    experiment = replace(experiment, overrides=[*mode.overrides, *experiment.overrides])
+    experiment = replace(
+        experiment, overrides=[*mode.overrides, *override_lines(experiment.overrides)]
+    )
     configuration = experiment.load()
     mode.check(experiment, configuration)
     level = experiment.log_level(configuration)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (experiment.out or RUNS / f"{now}-{experiment.name}-{experiment.mode}").absolute()
-    check_folder(folder)
+    if experiment.out:
+        check_folder(folder)
     check_space(folder, log_bytes(configuration, level) + candump_bytes(configuration, level))
-    config_file = make_folder(folder, configuration)
+    config_file = make_folder(folder, configuration, named=experiment.out is not None)
+    folder = config_file.parent
     announce(experiment, configuration, level, console)
-    bar = ProgressBar(console, configuration.reaches)
+    bar = ProgressBar(console, configuration.reaches, configuration.reaches_per_repetition)
     job = Job(
         configuration=configuration,
         config_file=config_file,

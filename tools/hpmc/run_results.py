@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hpmc.summary import PaceFacts
 
 SYNC_PERIOD_S = 0.001
+WHOLE_CLOCK = 16  # reaches to all targets and back: what the pictures and the paper show
 
 
 def total(stats: list[dict[str, Any]], *keys: str) -> int:
@@ -105,12 +106,34 @@ def write_results(
         console.print(f"[yellow]{damage}[/]")
     if level == "full":
         write_candump([LcmLog(path) for path in outcome.logs], folder / "candump.log")
-    if experiment.figures:
-        from hpmc.figures import draw_all, draw_timing
+    whole_clock = configuration.reaches_per_repetition == WHOLE_CLOCK and (
+        values["experiment"]["path"] == "clock"
+    )
+    if experiment.figures and summary["pace"] and "period_histogram" in summary["pace"]:
+        from hpmc.figures import draw_timing
+
+        draw_timing(summary["pace"], folder)
+    if experiment.figures and whole_clock:
+        from hpmc.figures import draw_all
 
         draw_all(analysis, folder, geometry)
-        if summary["pace"] and "period_histogram" in summary["pace"]:
-            draw_timing(summary["pace"], folder)
     # Last, so that a folder with a summary is a complete one.
     write_summary(summary, folder / "summary.json")
-    print_summary(summary, console)
+    print_summary(summary, console, experiment.name, beside_paper=whole_clock)
+    if values["wall"]["surface"] != "none" and not console.quiet:
+        print_contact(folder, console)
+
+
+def print_contact(folder: Path, console: Console) -> None:
+    """What happened at the wall, and where the energy went."""
+    from hpmc.api import load
+    from hpmc.contact import first_contact
+    from hpmc.energy import audit
+
+    run = load(folder)
+    try:
+        contact = first_contact(run).in_words()
+    except ValueError as error:
+        contact = f"contact: {error}"
+    for line in (contact, audit(run).in_words()):
+        console.print(line, soft_wrap=True)

@@ -167,17 +167,24 @@ def write_summary(summary: Summary, path: Path) -> None:
     partial.replace(path)
 
 
-def print_summary(summary: Summary, console: Console | None = None) -> None:
-    """Prints the table per target and for all, beside the paper's figures."""
+def print_summary(
+    summary: Summary,
+    console: Console | None = None,
+    experiment: str = "clock",
+    *,
+    beside_paper: bool = True,
+) -> None:
+    """Prints the table per target and for all, beside the paper's figures where it is its run."""
     console = console or Console()
-    console.print(_table(summary))
+    console.print(_table(summary, experiment, beside_paper))
     for line in _facts_in_words(summary):
         console.print(Text(line))
 
 
-def _table(summary: Summary) -> Table:
+def _table(summary: Summary, experiment: str, beside_paper: bool) -> Table:
+    name = experiment.replace("_", " ").capitalize()
     table = Table(
-        title=f"Clock experiment, {summary['mode']}, joints in {summary['numbers']}: "
+        title=f"{name} experiment, {summary['mode']}, joints in {summary['numbers']}: "
         f"{summary['reaches']} reaches",
         title_justify="left",
         title_style="bold",
@@ -191,6 +198,8 @@ def _table(summary: Summary) -> Table:
     table.add_column("velocity\nRMSE, mm/s", justify="right")
     table.add_column("manipu-\nlability", justify="right")
     for target in summary["targets"]:
+        if not beside_paper and target["planned_r"] is None:
+            continue  # a clock position that is not visited
         table.add_row(
             str(target["index"]),
             _text(target["planned_r"], 4),
@@ -218,6 +227,8 @@ def _table(summary: Summary) -> Table:
         _text(summary["velocity_rmse_mm_s"]["max"], 1),
         "",
     )
+    if not beside_paper:
+        return table
     table.add_section()
     table.add_row(
         "paper",
