@@ -2,8 +2,8 @@
 
 #include "apps/common_options.h"
 #include "apps/sil_rig.h"
-#include "host/pacer.h"
 #include "host/progress.h"
+#include "link/pacer.h"
 #include "port/posix/stop_signal.h"
 
 using namespace hpmc;
@@ -11,14 +11,16 @@ using namespace hpmc;
 namespace {
 
 int run(SilRig &rig, bool realtime) {
-    Pacer pacer(realtime);
+    Pacer pacer(kSyncPeriod_us * 1000, Pacer::WhenLate::catch_up);
     std::int64_t period = rig.first_period();
     bool going_on = true;
     while (going_on && period < rig.last_period()) {
         if (stop_signal_raised()) {
             rig.request_stop();
         }
-        pacer.wait();
+        if (realtime) {
+            pacer.wait();
+        }
         going_on = rig.step(period);
         say_progress(period, rig.schedule_point());
         ++period;

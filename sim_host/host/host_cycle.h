@@ -42,7 +42,7 @@ enum class RunPhase { boot, configure, enable, approach, reaches, stop };
 
 class HostCycle {
   public:
-    explicit HostCycle(const RunConfig &config);
+    explicit HostCycle(const RunConfig &config, TimeBase time_base = TimeBase::stepped);
 
     void step(const HostCycleInput &input, HostCycleOutput &output);
 

@@ -65,7 +65,7 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.vector("centre_m", c.experiment.centre_m, -0.6, 0.6, "m, home position of the hand (x, y)");
     v.number("radius_m", c.experiment.radius_m, 0.001, 0.3,
              "m, distance of the targets from home; half the height of the eight");
-    v.number("period_s", c.experiment.period_s, 0.2, 3600,
+    v.number("period_s", c.experiment.period_s, 0.05, 3600,
              "s, a reach: a new target, or one eight");
     v.integer("reaches", c.experiment.reaches, 1, 2 * kClockTargets,
               "of a repetition: target 1, home, target 2, home ..., or so many eights");
@@ -148,6 +148,18 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.number("approach_tolerance_m", c.schedule.approach_tolerance_m, 0.0001, 0.05,
              "m, distance from home allowed at the first reach");
     v.number("stop_s", c.schedule.stop_s, 0.15, 10, "s, quick stop at the end");
+
+    v.section("bench", "mode bench: a real bus, by the wall clock");
+    v.integer("sync_Hz", c.bench.sync_Hz, 10, 1000,
+              "Hz, SYNC on the wall clock; below 1000 the experiment runs in slow motion");
+    v.vector("check_torque_Nm", c.bench.check_torque_Nm, 0.01, 10,
+             "N m, largest torque of the encoder check");
+    v.number("check_motion_rad", c.bench.check_motion_rad, 0.001, 0.1,
+             "rad, motion that shows the sign of an encoder");
+    v.number("check_motion_max_rad", c.bench.check_motion_max_rad, 0.002, 0.5,
+             "rad, motion that ends the encoder check");
+    v.number("check_tolerance_rad", c.bench.check_tolerance_rad, 0.01, 3,
+             "rad, distance of the measured angles from the home posture");
 
     v.section("rig", "how the nodes see the arm");
     v.choice("sensors", c.sensors, kSensors, "encoder and motor direct, or by RPDO4 and TPDO1");
@@ -470,6 +482,12 @@ void check(const RunConfig &c) {
             "schedule.stop_s: must be at least joint.ramp_s + 0.05");
     require(c.bus.heartbeat_timeout_ms > c.bus.heartbeat_ms,
             "bus.heartbeat_timeout_ms: must be above bus.heartbeat_ms");
+    const std::int64_t bench_ticks = c.joint.rate_Hz / c.bench.sync_Hz;
+    require(1000000 % c.bench.sync_Hz == 0, "bench.sync_Hz: must divide 1000000");
+    require(bench_ticks * c.bench.sync_Hz == c.joint.rate_Hz,
+            "bench.sync_Hz: must divide joint.rate_Hz");
+    require(c.bench.check_motion_rad < c.bench.check_motion_max_rad,
+            "bench.check_motion_max_rad: must be above bench.check_motion_rad");
     require_divides(c.plant.step_s, 1.0 / static_cast<double>(c.joint.rate_Hz));
     check_whole_periods(c.experiment.period_s, "experiment.period_s");
     check_whole_periods(c.experiment.waypoint_s, "experiment.waypoint_s");

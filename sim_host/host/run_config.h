@@ -71,6 +71,15 @@ struct ScheduleConfig {
     double stop_s; ///< quick stop, disabling
 };
 
+/// On a real bus, by the wall clock.
+struct BenchConfig {
+    std::int64_t sync_Hz;
+    Eigen::Vector3d check_torque_Nm; ///< of the encoder check, largest
+    double check_motion_rad;         ///< that shows an encoder's sign
+    double check_motion_max_rad;     ///< more than this ends the check
+    double check_tolerance_rad;      ///< measured angles from the home posture
+};
+
 enum class Sensors { direct, injected };
 
 struct RunConfig {
@@ -80,6 +89,7 @@ struct RunConfig {
     JointConfig joint;
     BusConfig bus;
     ScheduleConfig schedule;
+    BenchConfig bench;
     Sensors sensors;
 
     int joint_ticks() const { return static_cast<int>(joint.rate_Hz / 1000); }

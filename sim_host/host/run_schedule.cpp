@@ -17,7 +17,8 @@ std::uint64_t mix(std::uint64_t value) {
     return value ^ (value >> 31U);
 }
 
-/// The posture that the dynamic task comes to with the hand at rest at home.
+} // namespace
+
 Eigen::Vector3d home_pose_rad(const RunConfig &config) {
     constexpr int kStepsToSettle = 2000;
     const Eigen::Vector2d &home_m = config.experiment.centre_m;
@@ -30,8 +31,6 @@ Eigen::Vector3d home_pose_rad(const RunConfig &config) {
     }
     return q_rad;
 }
-
-} // namespace
 
 RunSchedule::RunSchedule(const RunConfig &config)
     : experiment_(config.experiment), setup_(periods(config.schedule.setup_s)),

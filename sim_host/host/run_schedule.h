@@ -21,6 +21,15 @@ namespace hpmc {
 constexpr double kSyncPeriod_s = 0.001;
 constexpr std::int64_t kSyncPeriod_us = 1000;
 
+/// 2F01h. Stepped: a SYNC period is 1 ms of node time, however long it lasts. Free-running: it is
+/// as long on the nodes' clocks as on the wall.
+enum class TimeBase { stepped, free_running };
+
+/// A SYNC period in node time.
+inline std::int64_t sync_period_us(const RunConfig &config, TimeBase time_base) {
+    return time_base == TimeBase::stepped ? kSyncPeriod_us : 1000000 / config.bench.sync_Hz;
+}
+
 struct SchedulePoint {
     std::int64_t repetition; ///< from 0
     std::int64_t period;     ///< within the repetition, from 0
@@ -56,6 +65,9 @@ class RunSchedule {
     std::int64_t waypoint_; ///< periods from one target to the next
     std::int64_t stop_;
 };
+
+/// The posture that the dynamic task comes to with the hand at rest at home.
+Eigen::Vector3d home_pose_rad(const RunConfig &config);
 
 /// Pose that a repetition starts from: home, each joint offset by a uniform number of encoder
 /// increments between -1 and +1, drawn from (seed, repetition).

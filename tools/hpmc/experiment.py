@@ -27,6 +27,8 @@ class Experiment:
     log: str | None = None  # full | states | none; by the number of reaches when left out
     out: Path | None = None  # folder to make; runs/TIME-NAME-MODE when left out
     uml: bool = False
+    can: str | None = None  # bench: CAN interface, or slcan:DEVICE
+    yes_move: bool = False  # bench: real joints may move
     figures: bool = True
     lcm_url: str | None = None  # sil, emulated: where to publish what happens while it happens
     targets: Path | None = None  # a run whose targets from outside act again

@@ -19,6 +19,7 @@ DEFAULT_TELEMETRY_URL = "udpm://239.255.76.67:7667?ttl=0"
 
 PROGRAMS = {
     "arm_sim": BUILD / "sim_host" / "apps" / "arm_sim",
+    "bench_bridge": BUILD / "sim_host" / "apps" / "bench_bridge",
     "bench": BUILD / "sim_host" / "apps" / "rig_bench",
     "hpmc_config": BUILD / "sim_host" / "apps" / "hpmc_config",
     "hpmc_host": BUILD / "sim_host" / "apps" / "hpmc_host",

@@ -16,6 +16,7 @@ from hpmc.experiment import FULL_LOG_REACHES, Experiment, override_lines
 from hpmc.layout import DEFAULT_TELEMETRY_URL, RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
+from hpmc.modes.bench import bus_load_percent
 from hpmc.modes.vcan import sandbox_name
 from hpmc.run_progress import ProgressBar
 from hpmc.run_results import write_results
@@ -54,7 +55,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         choices=tuple(MODES),
         default="vcan",
         help="sil: one process; vcan: one process per box, on a CAN bus (default); "
-        "emulated: as sil, nodes are the flash image on an emulated Cortex-M4",
+        "emulated: as sil, nodes are the flash image on an emulated Cortex-M4; "
+        "bench: real boards on a CAN interface, by the wall clock",
     )
     parser.add_argument(
         "--sensors",
@@ -87,7 +89,13 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--pace",
         choices=("lockstep", "realtime"),
         default="lockstep",
-        help="as fast as it goes (default), or held to the wall clock",
+        help="as fast as it goes (default), or held to the wall clock (vcan; bench always is)",
+    )
+    parser.add_argument(
+        "--can", metavar="IFACE", help="bench: CAN interface, e.g. can0, or slcan:/dev/ttyACM0"
+    )
+    parser.add_argument(
+        "--yes-move", action="store_true", help="bench: real joints may move, all stand clear"
     )
     parser.add_argument(
         "--jobs",
@@ -137,6 +145,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         log=options.log,
         out=options.out,
         uml=options.uml,
+        can=options.can,
+        yes_move=options.yes_move,
         figures=not options.no_figures,
         lcm_url=options.lcm_url,
         targets=options.targets,
@@ -202,15 +212,14 @@ def make_folder(folder: Path, configuration: Configuration, *, named: bool) -> P
 def announce(
     experiment: Experiment, configuration: Configuration, level: str, console: Console
 ) -> None:
-    fits = (
-        ""
-        if configuration.bus_load_worst_percent <= 100.0
-        else " (a physical bus would need a slower SYNC)"
-    )
+    load_percent = configuration.bus_load_worst_percent
+    fits = "" if load_percent <= 100.0 else " (a physical bus would need a slower SYNC)"
+    if experiment.mode == "bench":
+        load_percent, fits = bus_load_percent(configuration), ""
     kept = "" if level != "none" else ", removed after the analysis"
     console.print(
         f"{configuration.reaches} reaches, {experiment.mode}; bus load at 1 Mbit/s at worst "
-        f"{configuration.bus_load_worst_percent:.1f} %{fits}; log {level}, "
+        f"{load_percent:.1f} %{fits}; log {level}, "
         f"about {log_bytes(configuration, level) / 1e6:.0f} MB{kept}"
     )
     if experiment.mode == "vcan":
@@ -254,6 +263,7 @@ def execute(experiment: Experiment, console: Console) -> Path:
         uml=experiment.uml,
         lcm_url=experiment.lcm_url,
         targets=targets,
+        can=experiment.can,
     )
     with bar.bar:
         outcome = mode.run(job)
