@@ -84,8 +84,9 @@ typedef struct {
 #define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
-#define LIMIT_REASON_IMAGE 0x4000U          /**< the image is damaged */
 #define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator, free-running */
+/** The 16 bits are taken; emergency 6010h tells a damaged image from the oscillator. */
+#define LIMIT_REASON_IMAGE LIMIT_REASON_CLOCK
 
 /** Modes of operation (6060h). */
 #define MODE_FRACTAL_IMPEDANCE (-1)

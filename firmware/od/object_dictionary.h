@@ -12,8 +12,8 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0xF7CAE690U
-#define OD_PROTOCOL_HASH_TEXT "f7cae690"
+#define OD_PROTOCOL_HASH 0x0E78D0B4U
+#define OD_PROTOCOL_HASH_TEXT "0e78d0b4"
 /** Without that hash. */
 #define OD_SOFTWARE_VERSION "0.1.0"
 

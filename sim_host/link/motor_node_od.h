@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "f7cae690";
+inline constexpr std::string_view kProtocolHash = "0e78d0b4";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+f7cae690";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+0e78d0b4";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 

@@ -92,7 +92,7 @@ int open_tcp(const std::string &owner, const std::string &address, int timeout_m
 
 int open_device(const std::string &owner, const std::string &address) {
     std::string device = address.substr(std::strlen(kScheme));
-    speed_t speed = B115200;
+    speed_t speed = B1000000;
     const std::size_t at = device.rfind('@');
     if (at != std::string::npos) {
         const std::string baud = device.substr(at + 1);
@@ -133,7 +133,7 @@ int open_line(const std::string &owner, const std::string &address, int timeout_
 
 } // namespace
 
-SlcanLink::SlcanLink(const std::string &address, std::string owner, int timeout_ms)
+SlcanLink::SlcanLink(const std::string &address, const std::string &owner, int timeout_ms)
     : SlcanLink(open_line(owner, address, timeout_ms), owner + " (" + address + ")", timeout_ms) {}
 
 SlcanLink::SlcanLink(int fd, std::string owner, int timeout_ms)

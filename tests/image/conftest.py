@@ -31,6 +31,12 @@ def float_image() -> Path:
     return build("stm32f405")
 
 
+@pytest.fixture(scope="session")
+def fixed_image() -> Path:
+    """Sealed .elf, controller in integers."""
+    return build("stm32f405-fixed")
+
+
 def build(preset: str) -> Path:
     """Brings an image up to date."""
     if not (ROOT / "build" / preset / "build.ninja").exists():

@@ -210,7 +210,7 @@ def test_damaged_image_boots_disabled(boards: Boards, float_image: Path, tmp_pat
     assert joint.torque == 0
     request = struct.pack("<BHBI", 0x40, 0x2200, 0, 0)
     answers = [f.data for f in joint.tick((0x600 + NODE, request)) if f.id == 0x580 + NODE]
-    assert struct.unpack_from("<I", answers[0], 4)[0] & 0x4000
+    assert struct.unpack_from("<I", answers[0], 4)[0] & 0x8000
 
 
 def test_length_beyond_the_flash_is_a_damaged_image(

@@ -11,18 +11,12 @@ from pathlib import Path
 import pytest
 from conftest import NODE, PAGE, ROOT, SERIAL
 
-from hpmc.firmware_image import CRC_OFFSET, FLASH_BEGIN, ImageError, VersionBlock, verify
+from hpmc.firmware_image import CRC_OFFSET, FLASH_BEGIN, ImageError, find_image, verify
 from hpmc.image_size import SizeError, deepest, read_functions
 from hpmc.parameter_page import COPY_BYTES, PageError, ParameterPage, main
 
 SUFFIXES = (".elf", ".bin", ".hex", ".map")
 BUDGETS = {"HPMC_FLASH_BUDGET": 20000, "HPMC_RAM_BUDGET": 4000, "HPMC_STACK_BUDGET": 500}
-
-
-def git(*arguments: str) -> str:
-    return subprocess.run(
-        ["git", *arguments], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout
 
 
 def eds_hash() -> str:
@@ -39,14 +33,6 @@ def test_version_block_and_names(image: Path) -> None:
     assert image.stem == block.file_stem()
     assert image.stem.startswith(f"motor_node{'-fixed' * (block.build_type == 'fixed')}-")
     assert all(image.with_suffix("").parent.joinpath(image.stem + s).exists() for s in SUFFIXES)
-
-
-def test_git_hash_in_the_name(float_image: Path) -> None:
-    if shutil.which("git") is None or not (ROOT / ".git").exists():
-        pytest.skip("no git here: the image is named by 'unknown'")
-    block = VersionBlock.of(float_image.with_suffix(".bin").read_bytes())
-    assert git("rev-parse", "HEAD").startswith(block.git_hash)
-    assert block.dirty == bool(git("status", "--porcelain"))
 
 
 def test_all_files_hold_the_same_image(image: Path, tmp_path: Path) -> None:
@@ -77,7 +63,7 @@ def sources(folder: Path) -> Path:
     folder.mkdir(parents=True)
     for name in ("firmware", "tools"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("CMakeLists.txt", "CMakePresets.json"):
+    for name in ("CMakeLists.txt", "CMakePresets.json", ".gitignore"):
         shutil.copy(ROOT / name, folder)
     return folder
 
@@ -103,6 +89,26 @@ def test_two_builds_in_two_folders_are_the_same_byte_for_byte(tmp_path: Path) ->
         assert [file.suffix for file in files] == sorted(SUFFIXES)
         made.append({file.name: file.read_bytes() for file in files})
     assert made[0] == made[1]
+
+
+def test_git_hash_and_dirty_sources_in_the_name(tmp_path: Path) -> None:
+    folder = sources(tmp_path / "repository")
+    git = ["git", "-c", "user.name=test", "-c", "user.email=test", "-C", str(folder)]
+    for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "all"]):
+        subprocess.run([*git, *command], check=True, capture_output=True)
+    head = subprocess.run(
+        [*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True
+    ).stdout
+    for dirty in (False, True):
+        if dirty:
+            (folder / "firmware" / "new.txt").touch()
+        done = cmake(folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+        image = find_image(folder / "build" / "stm32f405")  # the one before is gone
+        block = verify(image.with_suffix(".bin").read_bytes())
+        assert head.startswith(block.git_hash) and len(block.git_hash) == 12
+        assert block.dirty == dirty
+        assert image.stem == f"motor_node-{block.version}+g{head[:12]}{'-dirty' * dirty}"
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
@@ -241,11 +247,9 @@ def test_vectors(image: Path) -> None:
         assert vector == address[handled.get(number, "fault_entry")] | 1, number
 
 
-def test_the_fixed_image_has_no_float_code(image: Path) -> None:
-    if "fixed" not in image.parent.name:
-        pytest.skip("of the other image")
+def test_the_fixed_image_has_no_float_code(fixed_image: Path) -> None:
     listing = subprocess.run(
-        ["arm-none-eabi-objdump", "-d", str(image)], check=True, capture_output=True, text=True
+        ["arm-none-eabi-objdump", "-d", fixed_image], check=True, capture_output=True, text=True
     ).stdout
     assert not re.findall(r"\tv(?:add|mul|ldr|mov|cvt|push|msr|mrs)\S*", listing)
     assert not re.findall(r"<__aeabi_[fd]\w+>|<__\w+[sd]f\w*>", listing)

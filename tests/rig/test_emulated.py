@@ -112,8 +112,8 @@ def test_rig_killed_outright_leaves_no_board(tmp_path: Path) -> None:
     [
         (("--sensors", "direct"), "--sensors direct: emulated nodes have no encoder"),
         (("--jobs", "2"), "--jobs: goes with --mode sil"),
-        (("--pace", "realtime"), "--pace realtime and --uml: go with --mode vcan"),
-        (("--uml",), "--pace realtime and --uml: go with --mode vcan"),
+        (("--pace", "realtime"), "--pace realtime: goes with --mode sil and vcan"),
+        (("--uml",), "--uml: goes with --mode vcan"),
         (("--joint-rate-hz", "5000"), "joint.rate_Hz must be 1000"),
     ],
 )

@@ -37,7 +37,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 BAD = [
-    (["--mode", "hil"], "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan')"),
+    (["--mode", "hil"],
+     "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan', 'emulated')"),
     (["--sensors", "none"], "argument --sensors: invalid choice"),
     (["--pace", "fast"], "argument --pace: invalid choice"),
     (["--log", "all"], "argument --log: invalid choice"),
@@ -52,8 +53,11 @@ BAD = [
     (["--jobs", "0", "--mode", "sil"], "argument --jobs: '0': must be a whole number, 1 to 256"),
     (["--jobs", "two"], "argument --jobs: 'two': must be a whole number, 1 to 256"),
     (["--jobs", "2"], "--jobs: goes with --mode sil"),
-    (["--pace", "realtime", "--mode", "sil"], "--pace realtime and --uml: go with --mode vcan"),
-    (["--uml", "--mode", "sil"], "--pace realtime and --uml: go with --mode vcan"),
+    (["--uml", "--mode", "sil"], "--uml: goes with --mode vcan"),
+    (["--lcm-url", "udpm://239.255.76.67:7667"], "--lcm-url: goes with --mode sil"),
+    (["--lcm-url", "tcp://1.2.3.4", "--mode", "sil"], "--lcm-url tcp://1.2.3.4: must be"),
+    (["--jobs", "2", "--pace", "realtime", "--mode", "sil"], "--jobs: one process only"),
+    (["--targets", "no/such"], "--targets no/such: holds no run.lcmlog"),
     (["--set", "bus.command_delay_ms=1"], "bus.command_delay_ms: goes with --mode sil"),
     (
         ["--set", "arm.lenght_m=[1, 1, 1]"],
@@ -89,7 +93,7 @@ def test_the_experiment_is_asked_for(folder: Path, capsys: pytest.CaptureFixture
     assert run_command.main([]) == 2 and run_command.main(["watch"]) == 2
     missing, unknown = capsys.readouterr().err.splitlines()
     assert "required: experiment" in missing
-    assert "'watch' (choose from 'clock')" in unknown
+    assert "'watch' (choose from 'clock', 'figure_of_eight', 'wall')" in unknown
 
 
 def test_the_output_folder_must_be_new_or_empty(

@@ -126,6 +126,15 @@ void test_injected_sensors_are_a_reference_and_the_encoder_is_none_after_them(vo
     TEST_ASSERT_FALSE(rig.node.referenced);
 }
 
+void test_an_absolute_encoder_is_a_reference_after_injected_sensors_too(void) {
+    power_on();
+    for (uint32_t source = 2; source-- > 0U;) {
+        rig_write(0x2F00, 0, 1, source);
+        rig_step();
+        TEST_ASSERT_TRUE(rig.node.referenced);
+    }
+}
+
 void test_injected_sensors_replace_the_current_too(void) {
     power_on();
     rig.input.current_mA = UINT32_MAX; /* a broken wire */
@@ -142,12 +151,7 @@ void test_injected_sensors_replace_the_current_too(void) {
         rig_inject(5000, (uint8_t)(tick + 2U), 0);
         rig_cycle();
     }
-    rig_control(0x06, -1);
-    rig_cycle();
-    rig_control(0x07, 0);
-    rig_cycle();
-    rig_control(0x0F, 0);
-    rig_cycle();
+    rig_enable();
     TEST_ASSERT_TRUE(rig.output.output_enabled);
 }
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 MODULES = {
     "run": "hpmc.run_command",
+    "view": "hpmc.view.command",
     "node": "hpmc.node",
     "log": "hpmc.log",
     "bench": "hpmc.bench",

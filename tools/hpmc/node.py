@@ -91,6 +91,10 @@ def parser() -> argparse.ArgumentParser:
                        help="N m per A (%(default)s)")  # fmt: skip
     joint.add_argument("--index-rad", type=not_below(-1e6), default=0.5, metavar="X",
                        help="angle of the index pulse, from the start (%(default)s)")  # fmt: skip
+    joint.add_argument("--angle-rad", type=not_below(-1e6), default=0.0, metavar="X",
+                       help="where the encoder stands at the start (%(default)s)")  # fmt: skip
+    joint.add_argument("--encoder-sign", type=int, choices=(1, -1), default=1,
+                       help="-1: an encoder mounted the wrong way round (%(default)s)")  # fmt: skip
     return parser
 
 

@@ -1,6 +1,7 @@
 /**
  * The firmware alone on a CAN bus, on the wall clock: anyone's client is its master, and a
- * simulated joint (simulated_joint.h) is its motor and encoder.
+ * simulated joint (simulated_joint.h) is its motor and encoder. In the stepped time base its ticks
+ * are those of RPDO4 (node/tick_closing.h), not of the wall clock.
  */
 #ifndef FREE_RUNNING_H
 #define FREE_RUNNING_H

@@ -112,6 +112,8 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"coulomb-friction", required_argument, NULL, 'C'},
         {"torque-constant", required_argument, NULL, 'K'},
         {"index-rad", required_argument, NULL, 'X'},
+        {"angle-rad", required_argument, NULL, 'A'},
+        {"encoder-sign", required_argument, NULL, 'E'},
         {NULL, 0, NULL, 0},
     };
     *o = (options_t){.node_id = 0,
@@ -125,10 +127,12 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                                          .viscous_Nm_s = 0.05,
                                          .coulomb_Nm = 0.05,
                                          .torque_constant_Nm_A = 5.0,
-                                         .index_rad = 0.5}}};
+                                         .index_rad = 0.5,
+                                         .encoder_sign = 1}}};
     simulated_joint_config_t *joint = &o->alone.joint;
     long serial = 0;
     long temperature_dC = AMBIENT_dC;
+    long encoder_sign = 1;
     bool ok = true;
     int key;
     while (ok && (key = getopt_long(argc, argv, "", table, NULL)) != -1) {
@@ -192,6 +196,12 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'X':
             ok = parse_double(optarg, -1e6, "index-rad", &joint->index_rad);
             break;
+        case 'A':
+            ok = parse_double(optarg, -1e6, "angle-rad", &joint->angle_rad);
+            break;
+        case 'E':
+            ok = parse_long(optarg, -1, 1, "encoder-sign", &encoder_sign);
+            break;
         default:
             ok = false;
             break;
@@ -210,7 +220,8 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                       "[--internal-oscillator] "
                       "[--temperature-dC N] [--inertia X] "
                       "[--viscous-friction X] [--coulomb-friction X] "
-                      "[--torque-constant X] [--index-rad X]\n"
+                      "[--torque-constant X] [--index-rad X] [--angle-rad X] "
+                      "[--encoder-sign 1|-1]\n"
                       "       motor_node --id 1..127|255 --slcan PORT [--serial N] "
                       "[--referenced]\n");
         ok = false;
@@ -220,6 +231,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
     o->alone.can = o->can;
     o->alone.temperature_dC = (int16_t)temperature_dC;
     joint->increments_per_revolution = (uint32_t)o->increments_per_revolution;
+    joint->encoder_sign = encoder_sign < 0 ? -1 : 1;
     return ok;
 }
 

@@ -1,17 +1,6 @@
 #include "port/slcan/slcan_node.h"
 
-#include <string.h>
-
 #include "od/od_access.h"
-
-#define RPDO4_TICK 4U /* byte of the tick number */
-#define PERIOD_DEFAULT_us 1000U
-#define ELAPSED_MAX_us 1000000U
-
-static void add_text(const char *characters, size_t length, slcan_node_text_t *text) {
-    memcpy(&text->text[text->length], characters, length);
-    text->length += length;
-}
 
 static void answer(char character, slcan_node_text_t *text) {
     text->text[text->length] = character;
@@ -33,29 +22,11 @@ static void lose_frame(uint8_t flag, slcan_node_t *slcan, slcan_node_text_t *tex
     answer(SLCAN_BEL, text);
 }
 
-static bool closes_tick(const motor_node_t *node, const can_frame_t *frame) {
-    return node->od.time_base != 0U && node->node_id != LSS_UNCONFIGURED &&
-           frame->id == OD_RPDO4_COB_ID + (uint32_t)node->node_id && frame->len > RPDO4_TICK;
-}
-
-/** The tick number is a new one; it counts as one tick when there is none to compare with. */
-static void close_tick(const motor_node_t *node, uint8_t tick, slcan_node_t *slcan) {
-    const uint32_t set_us = node->od.communication_cycle_period;
-    const uint32_t period_us = set_us != 0U ? set_us : PERIOD_DEFAULT_us;
-    const uint32_t ticks = slcan->tick_known ? (uint32_t)(uint8_t)(tick - slcan->tick) : 1U;
-    slcan->elapsed_us = period_us > ELAPSED_MAX_us / ticks ? ELAPSED_MAX_us : ticks * period_us;
-    slcan->tick = tick;
-    slcan->tick_known = true;
-    slcan->step_due = true;
-}
-
 static void receive_frame(const motor_node_t *node, const can_frame_t *frame, slcan_node_t *slcan,
                           slcan_node_text_t *text) {
-    const bool closes = closes_tick(node, frame);
-    if (node->od.time_base == 0U) {
-        slcan->tick_known = false;
-    }
-    if (closes && slcan->tick_known && frame->data[RPDO4_TICK] == slcan->tick) {
+    const tick_closing_event_t event =
+        tick_closing_receive(node, frame, &slcan->closing, &slcan->elapsed_us);
+    if (event == TICK_REPEATED) {
         lose_frame(SLCAN_NODE_TICK_REPEATED, slcan, text);
         return;
     }
@@ -65,10 +36,8 @@ static void receive_frame(const motor_node_t *node, const can_frame_t *frame, sl
         slcan->frames[slcan->frame_count] = *frame;
         slcan->frame_count++;
     }
-    if (closes) { /* also when it found the buffer full: a node that no longer steps never recovers
-                   */
-        close_tick(node, frame->data[RPDO4_TICK], slcan);
-    }
+    /* Also when it found the buffer full: a node that no longer steps never recovers. */
+    slcan->step_due = slcan->step_due || event == TICK_CLOSED;
 }
 
 /** Frames that wait are lost with the channel. */
@@ -194,8 +163,7 @@ void slcan_node_output(const motor_node_output_t *output, slcan_node_t *slcan,
                        slcan_node_text_t *text) {
     text->length = 0;
     for (size_t i = 0; slcan->open && i < output->frame_count; i++) {
-        char line[SLCAN_TEXT_MAX];
-        add_text(line, slcan_from_frame(&output->frames[i], line), text);
+        text->length += slcan_from_frame(&output->frames[i], &text->text[text->length]);
     }
     for (size_t i = 0; i < slcan->answers_due; i++) {
         answer(SLCAN_CR, text);

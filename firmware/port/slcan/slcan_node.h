@@ -13,10 +13,8 @@
  *     }
  *     send(&text);
  *
- * Stepped time base (2F01h = 1): the node's own RPDO4 closes the tick, whatever the NMT state. All
- * frames since the last closing, RPDO4 included, go into the step; the elapsed time is the
- * difference of RPDO4's tick numbers (8 bits) times 1006h, or times 1 ms where 1006h is 0. The
- * first RPDO4 after 2F01h was set counts as one tick. A tick number again is refused.
+ * Stepped time base (2F01h = 1): the node's own RPDO4 closes the tick (node/tick_closing.h); a tick
+ * number again is refused.
  * Free-running time base: the port's timer makes the same three calls with its own elapsed time.
  *
  * Commands: S0..S8 and O while closed, C while open, V, N, F, and t while open; what else comes is
@@ -28,7 +26,7 @@
 #ifndef SLCAN_NODE_H
 #define SLCAN_NODE_H
 
-#include "node/motor_node.h"
+#include "node/tick_closing.h"
 #include "port/slcan/slcan.h"
 
 #ifdef __cplusplus
@@ -52,12 +50,11 @@ typedef struct {
 /** All zero at power-on; outlives an NMT reset of the node, as an adapter would. */
 typedef struct {
     slcan_line_t line;
-    bool open; /**< the channel: between O and C */
-    uint8_t flags;
+    bool open;            /**< the channel: between O and C */
+    uint8_t flags;        /**< bits, see above; 0..255 */
     uint32_t frames_lost; /**< since the last step */
     bool step_due;
-    bool tick_known;
-    uint8_t tick;        /**< of the last closing */
+    tick_closing_t closing;
     uint32_t elapsed_us; /**< of the step that is due */
     can_frame_t frames[MOTOR_NODE_RX_MAX];
     size_t frame_count; /**< waiting for the step */

@@ -13,9 +13,9 @@ from pathlib import Path
 from hpmc.configuration import Configuration, ConfigurationError
 from hpmc.experiment import Experiment
 from hpmc.firmware_image import ImageError, find_image
-from hpmc.layout import IMAGES, PROGRAMS
+from hpmc.layout import IMAGES
 from hpmc.modes.job import Job, Outcome
-from hpmc.modes.sil import describe_status, line_reader
+from hpmc.modes.sil import check_one_process_rig, describe_status, line_reader, program
 from hpmc.parameter_page import ADDRESSES, device_page
 from hpmc.processes import WATCH_S, Child, Watch
 
@@ -32,8 +32,9 @@ def check(experiment: Experiment, configuration: Configuration) -> None:
         )
     if experiment.jobs > 1:
         raise ConfigurationError("--jobs: goes with --mode sil")
-    if experiment.pace != "lockstep" or experiment.uml:
-        raise ConfigurationError("--pace realtime and --uml: go with --mode vcan")
+    if experiment.pace != "lockstep":
+        raise ConfigurationError("--pace realtime: goes with --mode sil and vcan")
+    check_one_process_rig(experiment)
     image()
 
 
@@ -127,12 +128,7 @@ def run(job: Job) -> Outcome:
     outcome = Outcome(logs=[job.folder / "run.lcmlog"])
     began = time.monotonic()
     with Watch() as watch, boards(image()) as started:
-        command = [
-            str(PROGRAMS["sil"]),
-            "--config", str(job.config_file),
-            "--log", str(outcome.logs[0]),
-            "--log-level", job.log_level,
-        ]  # fmt: skip
+        command = program(job, outcome.logs[0])
         for board in started:
             command += ["--node", board.line]
         sil = Child(command, line_reader(outcome, job.bar, 0, 0))

@@ -1,21 +1,51 @@
 """The rig in one process, or repetitions spread over several."""
 
 import json
+import re
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from hpmc.configuration import Configuration, ConfigurationError
 from hpmc.experiment import Experiment
-from hpmc.layout import PROGRAMS
+from hpmc.layout import DEFAULT_TELEMETRY_URL, PROGRAMS
 from hpmc.modes.job import Job, Outcome
 from hpmc.processes import Child, Watch
 from hpmc.run_progress import ProgressBar
 
+LCM_URL = re.compile(r"udpm://(\d{1,3}\.){3}\d{1,3}:\d{1,5}(\?ttl=\d{1,3})?")
+
 
 def check(experiment: Experiment, _: Configuration) -> None:
-    if experiment.pace != "lockstep" or experiment.uml:
-        raise ConfigurationError("--pace realtime and --uml: go with --mode vcan")
+    check_one_process_rig(experiment)
+    if experiment.jobs > 1 and (experiment.lcm_url or experiment.targets):
+        raise ConfigurationError("--jobs: one process only with --lcm-url and --targets")
+    if experiment.jobs > 1 and experiment.pace == "realtime":
+        raise ConfigurationError("--jobs: one process only with --pace realtime")
+
+
+def check_one_process_rig(experiment: Experiment) -> None:
+    """What holds for the program sil in each mode that runs it."""
+    if experiment.uml:
+        raise ConfigurationError("--uml: goes with --mode vcan")
+    if experiment.lcm_url is not None and not LCM_URL.fullmatch(experiment.lcm_url):
+        raise ConfigurationError(
+            f"--lcm-url {experiment.lcm_url}: must be like {DEFAULT_TELEMETRY_URL}"
+        )
+
+
+def program(job: Job, log: Path) -> list[str]:
+    """The program sil with the options that each of its modes takes."""
+    return [
+        str(PROGRAMS["sil"]),
+        "--config", str(job.config_file),
+        "--log", str(log),
+        "--log-level", job.log_level,
+        *(["--realtime"] if job.realtime else []),
+        *(["--lcm-url", job.lcm_url] if job.lcm_url else []),
+        *job.targets_option(),
+    ]  # fmt: skip
 
 
 def spread(repetitions: int, jobs: int) -> list[tuple[int, int]]:
@@ -39,18 +69,10 @@ def run(job: Job) -> Outcome:
             log = job.folder / ("run.lcmlog" if len(parts) == 1 else f"run-{number:02d}.lcmlog")
             outcome.logs.append(log)
             command = [
-                str(PROGRAMS["sil"]),
-                "--config",
-                str(job.config_file),
-                "--log",
-                str(log),
-                "--log-level",
-                job.log_level,
-                "--first-repetition",
-                str(first),
-                "--repetitions",
-                str(count),
-            ]
+                *program(job, log),
+                "--first-repetition", str(first),
+                "--repetitions", str(count),
+            ]  # fmt: skip
             watch.add(Child(command, line_reader(outcome, job.bar, number, first)))
         watch.wait()
     outcome.interrupted = watch.interrupted
