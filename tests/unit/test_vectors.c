@@ -10,56 +10,12 @@
 
 #include <stdio.h>
 
-#include "control/joint_controller.h"
 #include "control/torque_guard.h"
+#include "joint_vectors.h"
 #include "numbers.h"
-
-#define EVENT_COMMAND 1U
-#define EVENT_RESET 2U
-#define EVENT_HOLD 4U
 
 #define LEAST_STEPS 100000U
 #define EXCUSED_LIMIT 0.001
-
-typedef struct {
-    uint32_t increments_per_revolution;
-    uint32_t ticks_per_sync;
-    uint32_t error_growth;
-    uint32_t q_a_urad;
-    uint32_t q_p_urad;
-    uint32_t q_b_urad;
-    uint32_t torque_limit_mNm;
-    uint32_t delta_inc256;
-    uint32_t stall_time_us;
-    uint32_t steep;
-    int32_t position_min_inc;
-    int32_t position_max_inc;
-    double tolerance_Nm;
-} lane_t;
-
-typedef struct {
-    uint32_t events;
-    uint32_t elapsed_us;
-    int32_t position_inc;
-    uint32_t ramp_ppm;
-    int32_t target_inc;
-    int32_t torque_mNm;
-    int32_t torque_max_mNm;
-    /* what the reference says, after the step */
-    int32_t converging;
-    int32_t direction;
-    int32_t sign;
-    int32_t extreme_inc;
-    uint32_t age_us;
-    int32_t guarded_mNm;
-    int32_t unused;
-    double error_rad;
-    double torque_Nm;
-    double f_max_Nm;
-    double a_max_rad;
-    double extreme_rad;
-    double margin_rad;
-} step_t;
 
 typedef struct {
     uint32_t steps;
@@ -104,41 +60,6 @@ static double unit_rad(double angle_rad) {
 #else
     return larger(fixed_rad, angle_rad / 4194304.0); /* step and product are rounded: 2^-22 */
 #endif
-}
-
-static joint_controller_config_t config_of(const lane_t *lane) {
-    const joint_controller_config_t config = {
-        .fic =
-            {
-                .phase_rule = lane->error_growth != 0U ? FIC_ERROR_GROWTH : FIC_BODY_MOTION,
-                .delta_inc256 = (uint16_t)lane->delta_inc256,
-                .delta_rad = angle_part(angle_scale(lane->increments_per_revolution, 1).step_rad,
-                                        (uint16_t)lane->delta_inc256, 256),
-                .stall_time_us = lane->stall_time_us,
-            },
-        .q_a_rad = angle_from_urad(lane->q_a_urad),
-        .q_p_rad = angle_from_urad(lane->q_p_urad),
-        .q_b_rad = angle_from_urad(lane->q_b_urad),
-        .torque_limit_Nm = torque_from_mNm((int32_t)lane->torque_limit_mNm, 1),
-        .scale = angle_scale(lane->increments_per_revolution, lane->ticks_per_sync),
-        .ticks_per_sync = (uint8_t)lane->ticks_per_sync,
-    };
-    return config;
-}
-
-static void apply_events(const step_t *step, joint_controller_t *controller) {
-    const joint_command_t command = {.position_inc = step->target_inc,
-                                     .torque_mNm = (int16_t)step->torque_mNm,
-                                     .torque_max_mNm = (uint16_t)step->torque_max_mNm};
-    if ((step->events & EVENT_COMMAND) != 0U) {
-        joint_controller_command(&command, controller);
-    }
-    if ((step->events & EVENT_RESET) != 0U) {
-        joint_controller_reset(step->position_inc, &command, controller);
-    }
-    if ((step->events & EVENT_HOLD) != 0U) {
-        joint_controller_hold(step->position_inc, controller);
-    }
 }
 
 static void take_over(const step_t *step, fic_t *fic) {
@@ -210,13 +131,11 @@ static void run_lane(uint32_t steps) {
         step_t step;
         joint_controller_output_t output;
         read(&step, sizeof step);
+        const joint_command_t command = command_of(&step);
         if (i == 0U) {
-            const joint_command_t command = {.position_inc = step.target_inc,
-                                             .torque_mNm = (int16_t)step.torque_mNm,
-                                             .torque_max_mNm = (uint16_t)step.torque_max_mNm};
             joint_controller_reset(step.position_inc, &command, &controller);
         }
-        apply_events(&step, &controller);
+        apply_events(&step, &command, &controller);
         joint_controller_step(&config, step.position_inc, step.elapsed_us, &controller, &output);
         compare(&lane, &step, &output, guarded(&lane, &step, &config, &output), &controller);
     }

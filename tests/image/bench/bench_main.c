@@ -7,6 +7,7 @@
  * measured (measurement_t), instructions, and a value that shows that the work was done.
  * tools/hpmc/bench_firmware.py runs it and reads them. Exit status 0, or the line that failed.
  */
+#include "joint_vectors.h"
 #include "node_rig.h"
 #include "port/stm32f405/fault.h"
 #include "port/stm32f405/interrupts.h"
@@ -20,10 +21,6 @@
             semihosting_exit(__LINE__);                                                            \
         }                                                                                          \
     } while (0)
-
-#define EVENT_COMMAND 1U
-#define EVENT_RESET 2U
-#define EVENT_HOLD 4U
 
 #define OVERHEAD_ROUNDS 16
 #define SYNC_ROUNDS 2000
@@ -45,34 +42,6 @@ typedef enum {
     MEASURED_SDO_DOWNLOAD, /* expedited, of 4 bytes */
     MEASURED_KNOWN         /* 1000 instructions, so that the measure is measured */
 } measurement_t;
-
-/* The layout of tests/vectors/joint_vectors.py. */
-typedef struct {
-    uint32_t increments_per_revolution;
-    uint32_t ticks_per_sync;
-    uint32_t error_growth;
-    uint32_t q_a_urad;
-    uint32_t q_p_urad;
-    uint32_t q_b_urad;
-    uint32_t torque_limit_mNm;
-    uint32_t delta_inc256;
-    uint32_t stall_time_us;
-    uint32_t steep;
-    int32_t position_min_inc;
-    int32_t position_max_inc;
-    uint32_t reference[2];
-} lane_t;
-
-typedef struct {
-    uint32_t events;
-    uint32_t elapsed_us;
-    int32_t position_inc;
-    uint32_t ramp_ppm;
-    int32_t target_inc;
-    int32_t torque_mNm;
-    int32_t torque_max_mNm;
-    uint32_t reference[19];
-} step_t;
 
 typedef struct {
     uint32_t what;
@@ -125,48 +94,13 @@ static void measure_known(void) {
 
 /* --- the joint tick */
 
-static joint_controller_config_t config_of(const lane_t *lane) {
-    const joint_controller_config_t config = {
-        .fic =
-            {
-                .phase_rule = lane->error_growth != 0U ? FIC_ERROR_GROWTH : FIC_BODY_MOTION,
-                .delta_inc256 = (uint16_t)lane->delta_inc256,
-                .delta_rad = angle_part(angle_scale(lane->increments_per_revolution, 1).step_rad,
-                                        (uint16_t)lane->delta_inc256, 256),
-                .stall_time_us = lane->stall_time_us,
-            },
-        .q_a_rad = angle_from_urad(lane->q_a_urad),
-        .q_p_rad = angle_from_urad(lane->q_p_urad),
-        .q_b_rad = angle_from_urad(lane->q_b_urad),
-        .torque_limit_Nm = torque_from_mNm((int32_t)lane->torque_limit_mNm, 1),
-        .scale = angle_scale(lane->increments_per_revolution, lane->ticks_per_sync),
-        .ticks_per_sync = (uint8_t)lane->ticks_per_sync,
-    };
-    return config;
-}
-
-static joint_command_t command_of(const step_t *step) {
-    const joint_command_t command = {.position_inc = step->target_inc,
-                                     .torque_mNm = (int16_t)step->torque_mNm,
-                                     .torque_max_mNm = (uint16_t)step->torque_max_mNm};
-    return command;
-}
-
 /** What is measured: from command and position to the set value in mN m, as node_drive.c goes. */
 __attribute__((noinline)) static int16_t joint_tick(const joint_controller_config_t *config,
                                                     const lane_t *lane, const step_t *step,
                                                     const joint_command_t *command,
                                                     const derating_input_t *motor, int8_t moving,
                                                     joint_controller_t *controller) {
-    if ((step->events & EVENT_COMMAND) != 0U) {
-        joint_controller_command(command, controller);
-    }
-    if ((step->events & EVENT_RESET) != 0U) {
-        joint_controller_reset(step->position_inc, command, controller);
-    }
-    if ((step->events & EVENT_HOLD) != 0U) {
-        joint_controller_hold(step->position_inc, controller);
-    }
+    apply_events(step, command, controller);
     joint_controller_output_t asked;
     joint_controller_step(config, step->position_inc, step->elapsed_us, controller, &asked);
     const torque_guard_input_t input = {
