@@ -1,9 +1,8 @@
 // arm_sim: the ODE arm as a process; owns simulated time. Publishes HAND_WRENCH and ARM_STATE,
 // waits for the torques of all nodes, advances.
 
-#include <ctime>
-
 #include "apps/common_options.h"
+#include "host/pacer.h"
 #include "host/progress.h"
 #include "host/tick_clock.h"
 #include "hpmc_lcm/joint_torque_t.hpp"
@@ -26,43 +25,6 @@ struct Options {
     std::string plant_url = kDefaultPlantUrl;
     bool realtime = false;
     int stall_timeout_ms = 10000;
-};
-
-std::int64_t monotonic_ns() {
-    timespec now{};
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * 1000000000LL + now.tv_nsec;
-}
-
-/// Holds the loop back to the wall clock. Overruns: periods that were not done when the next one
-/// should have begun. A late loop catches up, so that run time keeps to the wall clock on average.
-class Pacer {
-  public:
-    explicit Pacer(bool active) : active_(active) {}
-
-    void wait() {
-        if (!active_) {
-            return;
-        }
-        const std::int64_t now_ns = monotonic_ns();
-        next_ns_ = next_ns_ == 0 ? now_ns : next_ns_ + kSyncPeriod_us * 1000;
-        overruns_ += now_ns > next_ns_ ? 1 : 0;
-        const timespec next{next_ns_ / 1000000000, next_ns_ % 1000000000};
-        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, nullptr) == EINTR &&
-               !stop_signal_raised()) {
-        }
-        lateness_max_us_ = std::max(lateness_max_us_, (monotonic_ns() - next_ns_) / 1000);
-    }
-
-    std::int64_t overruns() const { return overruns_; }
-    /// How late a period began at worst.
-    std::int64_t lateness_max_us() const { return lateness_max_us_; }
-
-  private:
-    bool active_;
-    std::int64_t next_ns_ = 0;
-    std::int64_t overruns_ = 0;
-    std::int64_t lateness_max_us_ = 0;
 };
 
 class ArmProcess {

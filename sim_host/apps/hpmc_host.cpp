@@ -8,6 +8,7 @@
 #include "hpmc_lcm/hand_wrench_t.hpp"
 #include "link/can_bus.h"
 #include "link/lcm_link.h"
+#include "link/target_inbox.h"
 
 extern "C" {
 #include "port/posix/stop_signal.h"
@@ -22,6 +23,7 @@ struct Options {
     std::string can = "vcan0";
     std::string plant_url = kDefaultPlantUrl;
     std::string telemetry_url = kDefaultTelemetryUrl;
+    std::string targets;
     LogLevel level = LogLevel::full;
     int stall_timeout_ms = 10000;
 };
@@ -32,7 +34,12 @@ class HostProcess {
         : config_(config), schedule_(config), cycle_(config), bus_(options.can),
           wrench_(options.plant_url, "HAND_WRENCH", options.stall_timeout_ms),
           plant_(options.plant_url), observers_(options.telemetry_url),
-          telemetry_(config, "vcan", options.level) {}
+          telemetry_(config, "vcan", options.level) {
+        if (!options.targets.empty()) {
+            targets_.load(options.targets);
+        }
+        targets_.listen(options.telemetry_url);
+    }
 
     int run() {
         const std::int64_t periods =
@@ -96,7 +103,9 @@ class HostProcess {
     void step(std::int64_t period) {
         read_nodes(period);
         const Eigen::Vector2d wrench_N(wrench_message_.wrench_N[0], wrench_message_.wrench_N[1]);
-        cycle_.step({period, wrench_N, from_nodes_.frames.data(), from_nodes_.count}, output_);
+        cycle_.step(
+            {period, wrench_N, from_nodes_.frames.data(), from_nodes_.count, targets_.take(period)},
+            output_);
         bus_.send(output_.frames.data(), output_.frame_count);
         injected_.sort_by_identifier();
         from_nodes_.append(injected_.frames.data(), injected_.count);
@@ -108,9 +117,13 @@ class HostProcess {
     void say_stats() const {
         const can_socket_t &socket = bus_.socket();
         std::printf("STATS {\"frames\": %lld, \"frames_lost\": %u, \"load_typical_percent\": %.2f, "
-                    "\"back_pressure\": %u, \"error_frames\": %u}\n",
+                    "\"back_pressure\": %u, \"error_frames\": %u, \"outside_targets\": %lld, "
+                    "\"outside_targets_refused\": %lld, \"outside_targets_dropped\": %lld}\n",
                     static_cast<long long>(account_.frames()), socket.dropped,
-                    account_.load_typical_percent(), socket.back_pressure, socket.error_frames);
+                    account_.load_typical_percent(), socket.back_pressure, socket.error_frames,
+                    static_cast<long long>(cycle_.outside_targets()),
+                    static_cast<long long>(cycle_.outside_targets_refused()),
+                    static_cast<long long>(targets_.dropped()));
         std::fflush(stdout);
     }
 
@@ -121,6 +134,7 @@ class HostProcess {
     LcmReceiver wrench_;
     LcmSender plant_;
     LcmSender observers_;
+    TargetInbox targets_;
     Telemetry telemetry_;
     BusAccount account_;
     hpmc_lcm::hand_wrench_t wrench_message_{};
@@ -138,6 +152,8 @@ int main(int argc, char **argv) {
     app.add_option("--can", options.can, "CAN interface");
     app.add_option("--plant-url", options.plant_url);
     app.add_option("--telemetry-url", options.telemetry_url);
+    app.add_option("--targets", options.targets,
+                   "LCM event log: its targets from outside act again, at their time");
     add_log_level(app, options.level);
     app.add_option("--stall-timeout-ms", options.stall_timeout_ms)->check(CLI::Range(100, 600000));
     return run_app("hpmc_host", app, argc, argv, [&] {

@@ -124,6 +124,9 @@ class Logger {
         }
         const std::int64_t utime = big_endian_i64(message.payload + 8);
         const std::int64_t seq = big_endian_i64(message.payload + 16);
+        if (seq < 0) {
+            return; // asks for something (ARM_TARGET); what comes of it is published with its time
+        }
         const auto [entry, first] = next_seq_.try_emplace(message.channel, seq);
         lost_ += first ? 0 : std::max<std::int64_t>(0, seq - entry->second);
         entry->second = seq + 1;

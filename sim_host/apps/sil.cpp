@@ -2,6 +2,7 @@
 
 #include "apps/common_options.h"
 #include "apps/sil_rig.h"
+#include "host/pacer.h"
 #include "host/progress.h"
 #include "port/posix/stop_signal.h"
 
@@ -9,22 +10,32 @@ using namespace hpmc;
 
 namespace {
 
-int run(SilRig &rig) {
+int run(SilRig &rig, bool realtime) {
+    Pacer pacer(realtime);
     std::int64_t period = rig.first_period();
     bool going_on = true;
     while (going_on && period < rig.last_period()) {
         if (stop_signal_raised()) {
             rig.request_stop();
         }
+        pacer.wait();
         going_on = rig.step(period);
         say_progress(period, rig.schedule_point());
         ++period;
     }
+    rig.flush();
     std::printf("STATS {\"frames\": %lld, \"frames_lost\": %zu, \"load_typical_percent\": %.2f, "
-                "\"messages\": %lld, \"periods\": %lld}\n",
+                "\"messages\": %lld, \"periods\": %lld, \"overruns\": %lld, "
+                "\"lateness_max_us\": %lld, \"outside_targets\": %lld, "
+                "\"outside_targets_refused\": %lld, \"outside_targets_dropped\": %lld}\n",
                 static_cast<long long>(rig.account().frames()), rig.frames_lost(),
                 rig.account().load_typical_percent(), static_cast<long long>(rig.messages()),
-                static_cast<long long>(period - rig.first_period()));
+                static_cast<long long>(period - rig.first_period()),
+                static_cast<long long>(pacer.overruns()),
+                static_cast<long long>(pacer.lateness_max_us()),
+                static_cast<long long>(rig.host().outside_targets()),
+                static_cast<long long>(rig.host().outside_targets_refused()),
+                static_cast<long long>(rig.targets_dropped()));
     if (!rig.fault().empty()) {
         std::fprintf(stderr, "sil: %s\n", rig.fault().c_str());
     }
@@ -44,10 +55,16 @@ int main(int argc, char **argv) {
         ->check(CLI::Range(std::int64_t{0}, std::int64_t{100000}));
     app.add_option("--repetitions", options.repetitions)
         ->check(CLI::Range(std::int64_t{0}, std::int64_t{100000}));
+    app.add_option("--lcm-url", options.lcm_url,
+                   "publish telemetry and ARM_STATE there, take targets from there");
+    app.add_option("--targets", options.targets,
+                   "LCM event log: its targets from outside act again, at their time");
+    bool realtime = false;
+    app.add_flag("--realtime", realtime, "held to the wall clock");
     return run_app("sil", app, argc, argv, [&] {
         const RunConfig config = config_options.load();
         stop_signal_install(false);
         SilRig rig(options, config);
-        return run(rig);
+        return run(rig, realtime);
     });
 }

@@ -11,6 +11,7 @@ namespace hpmc {
 namespace {
 
 constexpr std::int16_t kAmbient_dC = 250;
+constexpr std::int64_t kPeriodsPerFlush = 4; ///< live: one system call for so many periods
 constexpr std::array<const char *, kJoints> kTorqueChannels{"JOINT_TORQUE_1", "JOINT_TORQUE_2",
                                                             "JOINT_TORQUE_3"};
 
@@ -30,10 +31,18 @@ SilRig::SilRig(const SilOptions &options, const RunConfig &config)
                    (options.repetitions > 0 ? options.repetitions : config.experiment.repetitions) *
                        schedule_.periods_per_repetition()),
       clock_{config.joint_ticks()}, cycle_(config), plant_(config.plant),
-      sensors_(config.joint.increments_per_revolution), telemetry_(config, "sil", options.level),
+      sensors_(config.joint.increments_per_revolution),
+      telemetry_(config, "sil", options.lcm_url.empty() ? options.level : LogLevel::full),
       last_utime_(clock_.utime(first_period_, 0)) {
     if (!options.log.empty()) {
         log_ = std::make_unique<LcmLogWriter>(options.log);
+    }
+    if (!options.targets.empty()) {
+        inbox_of_targets_.load(options.targets);
+    }
+    if (!options.lcm_url.empty()) {
+        live_ = std::make_unique<LcmSender>(options.lcm_url);
+        inbox_of_targets_.listen(options.lcm_url);
     }
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         const auto id = static_cast<std::uint8_t>(joint + 1);
@@ -55,9 +64,7 @@ void SilRig::publish_arm_state(std::int64_t period, std::int64_t tick, const Arm
     arm_state_.utime = clock_.utime(period, tick);
     arm_state_.seq = clock_.seq(period, tick);
     fill_arm_state(state, tau_Nm_, arm_state_);
-    if (log_) {
-        log_->publish("ARM_STATE", arm_state_);
-    }
+    Observers(*this).publish("ARM_STATE", arm_state_);
 }
 
 void SilRig::publish_wrench(std::int64_t period, const ArmPlantState &state) {
@@ -123,14 +130,20 @@ bool SilRig::step(std::int64_t period) {
     from_nodes_ = sent_;
     sent_.count = 0;
     from_nodes_.sort_by_identifier();
-    cycle_.step({period, state.wrench_N, from_nodes_.frames.data(), from_nodes_.count}, output_);
+    cycle_.step({period, state.wrench_N, from_nodes_.frames.data(), from_nodes_.count,
+                 inbox_of_targets_.take(period)},
+                output_);
     if (config_.sensors == Sensors::injected) {
         sensors_.inject(state.q_rad, period, from_nodes_);
     }
     account_.add(period, from_nodes_, output_);
     close_bus(period);
-    if (log_) {
-        telemetry_.publish(*log_, cycle_, from_nodes_, output_);
+    if (log_ || live_) {
+        Observers observers(*this);
+        telemetry_.publish(observers, cycle_, from_nodes_, output_);
+    }
+    if (live_ && period % kPeriodsPerFlush == 0) {
+        live_->flush();
     }
     for (std::int64_t tick = 0; tick < clock_.joint_ticks; ++tick) {
         if (tick > 0) {

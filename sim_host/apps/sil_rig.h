@@ -15,6 +15,7 @@
 #include "hpmc_lcm/arm_state_t.hpp"
 #include "link/injected_sensors.h"
 #include "link/lcm_link.h"
+#include "link/target_inbox.h"
 #include "plant/arm_plant.h"
 
 extern "C" {
@@ -28,6 +29,8 @@ struct SilOptions {
     LogLevel level = LogLevel::full;
     std::int64_t first_repetition = 0;
     std::int64_t repetitions = 0; ///< 0: as many as the configuration says
+    std::string lcm_url{};        ///< publish there, and hear ARM_TARGET; nothing when empty
+    std::string targets{};        ///< log whose targets from outside are to act again
 };
 
 class SilRig {
@@ -42,11 +45,20 @@ class SilRig {
     /// ended before its time: after a fault or on request.
     bool step(std::int64_t period);
 
+    /// Sends what is still queued for those who look on.
+    void flush() {
+        if (live_) {
+            live_->flush();
+        }
+    }
+
     void request_stop() { cycle_.request_stop(); }
     const std::string &fault() const { return cycle_.fault(); }
     const SchedulePoint &schedule_point() const { return cycle_.schedule_point(); }
     const BusAccount &account() const { return account_; }
     std::size_t frames_lost() const { return frames_lost_; }
+    const HostCycle &host() const { return cycle_; }
+    std::int64_t targets_dropped() const { return inbox_of_targets_.dropped(); }
     std::int64_t messages() const { return log_ ? log_->written() : 0; }
 
   private:
@@ -57,6 +69,30 @@ class SilRig {
         motor_node_output_t output{};
 
         void step(const motor_node_input_t &input);
+    };
+
+    /// The log, as far as its level goes, and whoever looks on.
+    class Observers {
+      public:
+        explicit Observers(SilRig &rig) : rig_(rig) {}
+        template <class Message> void publish(const char *channel, const Message &message) {
+            if (rig_.log_ && (rig_.level_ == LogLevel::full || of_states(message))) {
+                rig_.log_->publish(channel, message);
+            }
+            if (rig_.live_) {
+                rig_.live_->publish(channel, message);
+            }
+        }
+
+      private:
+        template <class Message> static bool of_states(const Message &) {
+            return !std::is_same_v<Message, hpmc_lcm::can_frames_t> &&
+                   !std::is_same_v<Message, hpmc_lcm::node_status_t>;
+        }
+        static bool of_states(const hpmc_lcm::arm_target_t &message) {
+            return message.target == kOutsideTarget;
+        }
+        SilRig &rig_;
     };
 
     template <class Message> void log(const char *channel, const Message &message) {
@@ -82,6 +118,8 @@ class SilRig {
     Telemetry telemetry_;
     BusAccount account_;
     std::unique_ptr<LcmLogWriter> log_;
+    std::unique_ptr<LcmSender> live_;
+    TargetInbox inbox_of_targets_;
     std::array<Node, kJoints> nodes_;
     std::array<PeriodFrames, kJoints> inbox_{};
     PeriodFrames sent_{};       ///< by the nodes in the present period

@@ -99,6 +99,31 @@ void HostCycle::raise(const std::string &why) {
     }
 }
 
+/// Where the hand can be put: the wrist on the reachable ring, as the dynamic task saturates it.
+Eigen::Vector2d HostCycle::reachable(const Eigen::Vector2d &x_m) const {
+    const DynamicTaskConfig &task = config_.hpmc.dynamic_task;
+    const double phi_rad =
+        task.direction == TaskDirection::radial ? std::atan2(x_m.y(), x_m.x()) : task.w_t_rad;
+    const InverseKinematics inverse = arm_.inverse(x_m, phi_rad);
+    return inverse.saturated ? arm_.link_ends(inverse.q_rad)[hand] : x_m;
+}
+
+/// A target from outside acts during the reaches, until the schedule's next change of target.
+void HostCycle::choose_target(const std::optional<Eigen::Vector2d> &outside_m) {
+    const bool reaching = point_.reach >= 0;
+    if (!reaching || point_.target_changes) {
+        outside_m_.reset();
+    }
+    outside_began_ = outside_m.has_value() && reaching && !stopping_ && outside_m->allFinite();
+    if (outside_began_) {
+        outside_m_ = reachable(*outside_m);
+        ++outside_count_;
+    } else if (outside_m) {
+        ++outside_refused_;
+    }
+    x_t_m_ = outside_m_.value_or(point_.x_t_m);
+}
+
 void HostCycle::read_joints() {
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         q_rad_[static_cast<Eigen::Index>(joint)] =
@@ -171,6 +196,7 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
                !why.empty()) {
         raise(why);
     }
+    choose_target(input.target_m);
     read_joints();
 
     HpmcOutput out{};
@@ -186,7 +212,7 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
             q_start_rad_ = q_blend_rad_ = q_rad_;
             controller_.reset(arm_.link_ends(q_rad_)[hand], q_rad_);
         }
-        out = controller_.step({point_.x_t_m, q_rad_, input.wrench_N});
+        out = controller_.step({x_t_m_, q_rad_, input.wrench_N});
         if (!all_finite(out)) {
             raise("a layer of the host gave a value that is no finite number");
             out = HpmcOutput{};
@@ -223,7 +249,7 @@ void HostCycle::fill_state(const HostCycleInput &input, const HpmcOutput &out,
     state_.reach = point_.reach;
     state_.target = point_.target;
     state_.phase = static_cast<std::int32_t>(phase());
-    copy(point_.x_t_m, state_.x_t_m);
+    copy(x_t_m_, state_.x_t_m);
     copy(out.x_d_m, state_.x_d_m);
     copy(out.v_d_m_s, state_.v_d_m_s);
     state_.phi_rad = out.phi_rad;

@@ -10,6 +10,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,8 @@ struct HostCycleInput {
     Eigen::Vector2d wrench_N;  ///< force of the hand on its environment
     const can_frame_t *frames; ///< what the nodes sent in the period before, by identifier
     std::size_t frame_count;
+    /// Target of the hand from outside the schedule, to act with this period.
+    std::optional<Eigen::Vector2d> target_m = std::nullopt;
 };
 
 struct HostCycleOutput {
@@ -50,6 +53,12 @@ class HostCycle {
     const std::string &fault() const { return fault_; }
 
     const SchedulePoint &schedule_point() const { return point_; }
+    /// A target from outside acts since this very period; state().x_t_m is where it was put.
+    bool outside_target_began() const { return outside_began_; }
+    /// Targets from outside that acted so far, and those refused: outside the reaches, or no
+    /// finite numbers.
+    std::int64_t outside_targets() const { return outside_count_; }
+    std::int64_t outside_targets_refused() const { return outside_refused_; }
     bool operating() const { return master_.stage() == MasterStage::enabled; }
 
     /// Every layer's input and output of the last step.
@@ -63,6 +72,8 @@ class HostCycle {
 
     void begin_repetition();
     void raise(const std::string &why);
+    void choose_target(const std::optional<Eigen::Vector2d> &outside_m);
+    Eigen::Vector2d reachable(const Eigen::Vector2d &x_m) const;
     void read_joints();
     Eigen::Vector3d approach(const Eigen::Vector3d &q_d_rad, double &torque_fraction);
     Commands command(const Eigen::Vector3d &q_d_rad, const HpmcOutput &out, double torque_fraction);
@@ -79,6 +90,12 @@ class HostCycle {
     double increments_per_rad_;
 
     SchedulePoint point_{};
+    Eigen::Vector2d x_t_m_ =
+        Eigen::Vector2d::Zero();               ///< the schedule's target, or that from outside
+    std::optional<Eigen::Vector2d> outside_m_; ///< in force until the schedule's next change
+    bool outside_began_ = false;
+    std::int64_t outside_count_ = 0;
+    std::int64_t outside_refused_ = 0;
     Eigen::Vector3d q_rad_ = Eigen::Vector3d::Zero();
     Eigen::Vector3d q_start_rad_ = Eigen::Vector3d::Zero(); ///< where the approach began
     Eigen::Vector3d q_blend_rad_ = Eigen::Vector3d::Zero(); ///< last desired angles of the approach

@@ -58,7 +58,7 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.section("experiment", "the clock experiment");
     v.vector("centre_m", c.experiment.centre_m, -0.6, 0.6, "m, home position of the hand (x, y)");
     v.number("radius_m", c.experiment.radius_m, 0.001, 0.3, "m, distance of the targets from home");
-    v.number("period_s", c.experiment.period_s, 0.2, 10, "s, a new target each period");
+    v.number("period_s", c.experiment.period_s, 0.2, 3600, "s, a new target each period");
     v.integer("repetitions", c.experiment.repetitions, 1, 100000, "of 16 reaches each");
     v.integer("seed", c.experiment.seed, 0, 2147483647, "of the start angles' offsets");
 

@@ -67,8 +67,22 @@ bool Telemetry::target_changed(const HostCycle &cycle) {
     arm_target_.x_t_m[0] = point.x_t_m.x();
     arm_target_.x_t_m[1] = point.x_t_m.y();
     arm_target_.target = outward ? point.target : 0;
-    // Numbered by the schedule, so that it grows through repetitions whoever runs them.
-    arm_target_.seq = point.repetition * kReaches + point.reach;
+    // Numbered by the schedule, so that it grows through repetitions whoever runs them, and by the
+    // targets from outside in between.
+    arm_target_.seq = point.repetition * kReaches + point.reach + cycle.outside_targets() -
+                      (cycle.outside_target_began() ? 1 : 0);
+    return true;
+}
+
+bool Telemetry::outside_target_began(const HostCycle &cycle) {
+    if (!cycle.outside_target_began()) {
+        return false;
+    }
+    const SchedulePoint &point = cycle.schedule_point();
+    arm_target_.utime = cycle.state().utime;
+    std::copy_n(cycle.state().x_t_m, 2, arm_target_.x_t_m);
+    arm_target_.target = kOutsideTarget;
+    arm_target_.seq = point.repetition * kReaches + point.reach + cycle.outside_targets();
     return true;
 }
 

@@ -11,10 +11,11 @@
 #include "hpmc_lcm/can_frames_t.hpp"
 #include "hpmc_lcm/run_info_t.hpp"
 #include "link/bus_closing.h"
+#include "link/target_inbox.h"
 
 namespace hpmc {
 
-/// full: every channel; states: ARM_STATE, HPMC_STATE and RUN_INFO only.
+/// full: every channel; states: ARM_STATE, HPMC_STATE, RUN_INFO and targets from outside only.
 enum class LogLevel { full, states };
 
 /// RUN_INFO of this build and configuration.
@@ -44,6 +45,9 @@ class Telemetry {
                 }
             }
         }
+        if (outside_target_began(cycle)) {
+            sink.publish("ARM_TARGET", arm_target_);
+        }
         sink.publish("HPMC_STATE", state);
     }
 
@@ -53,6 +57,7 @@ class Telemetry {
 
     bool run_info_due(std::int64_t utime);
     bool target_changed(const HostCycle &cycle);
+    bool outside_target_began(const HostCycle &cycle);
     void collect_frames(const hpmc_lcm::hpmc_state_t &state, const PeriodFrames &from_nodes,
                         const HostCycleOutput &from_host);
 

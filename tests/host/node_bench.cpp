@@ -38,7 +38,8 @@ NodeBench::NodeBench(const RunConfig &config) : cycle(config) {
 void NodeBench::step() {
     PeriodFrames from_host;
     tamper(from_nodes_);
-    cycle.step({period, wrench_N, from_nodes_.frames.data(), from_nodes_.count}, output);
+    cycle.step({period, wrench_N, from_nodes_.frames.data(), from_nodes_.count, target_m}, output);
+    target_m.reset();
     from_host.append(output.frames.data(), output.frame_count);
     tamper_host(from_host);
     PeriodFrames sent_now;

@@ -34,6 +34,7 @@ class NodeBench {
     std::function<void(hpmc::PeriodFrames &)> tamper_host = [](hpmc::PeriodFrames &) {};
     std::array<std::int32_t, hpmc::kJoints> displace_inc{}; ///< of each joint from home
     Eigen::Vector2d wrench_N = Eigen::Vector2d::Zero();
+    std::optional<Eigen::Vector2d> target_m; ///< from outside, to act with the next step only
 
     void step();
     /// Steps until the host's phase is this one; false when it is not within 1000 periods.

@@ -405,3 +405,87 @@ TEST_CASE("a delayed command is the one of so many periods ago") {
         CHECK(differences > 100);
     }
 }
+
+namespace {
+
+/// The arm of the bench does not move: longer reaches end in a fault.
+RunConfig short_reaches() {
+    return test::clock_config({"experiment.period_s=0.2"});
+}
+
+Eigen::Vector2d x_t(const NodeBench &bench) {
+    return {bench.cycle.state().x_t_m[0], bench.cycle.state().x_t_m[1]};
+}
+
+void step_until(NodeBench &bench, std::int64_t period) {
+    while (bench.period < period) {
+        bench.step();
+    }
+}
+
+} // namespace
+
+TEST_CASE("a target from outside acts until the schedule's next change of target") {
+    NodeBench bench(short_reaches());
+    step_until(bench, 1010);
+    const Eigen::Vector2d scheduled = x_t(bench);
+    const Eigen::Vector2d asked(0.31, 0.04);
+    bench.target_m = asked;
+    bench.step();
+    CHECK(bench.cycle.outside_target_began());
+    CHECK(x_t(bench) == asked);
+    bench.step();
+    CHECK_FALSE(bench.cycle.outside_target_began());
+    CHECK(x_t(bench) == asked);
+    step_until(bench, 1200);
+    CHECK(x_t(bench) == asked);
+    bench.step(); // the first of reach 1, home
+    CHECK(x_t(bench) == Eigen::Vector2d(0.3, 0.0));
+    CHECK(scheduled != asked);
+    CHECK(bench.cycle.outside_targets() == 1);
+    CHECK(bench.cycle.fault().empty());
+}
+
+TEST_CASE("in the period in which the schedule changes its target, one from outside comes after") {
+    NodeBench bench(short_reaches());
+    step_until(bench, 1200);
+    bench.target_m = Eigen::Vector2d(0.25, -0.05);
+    bench.step();
+    CHECK(bench.cycle.schedule_point().target_changes);
+    CHECK(x_t(bench) == Eigen::Vector2d(0.25, -0.05));
+}
+
+TEST_CASE("outside the reaches, and where it is no number, a target from outside is refused") {
+    NodeBench bench;
+    step_until(bench, 500);
+    bench.target_m = Eigen::Vector2d(0.31, 0.04);
+    bench.step();
+    CHECK(x_t(bench) == Eigen::Vector2d(0.3, 0.0));
+    step_until(bench, 1100);
+    const Eigen::Vector2d scheduled = x_t(bench);
+    bench.target_m = Eigen::Vector2d(std::numeric_limits<double>::quiet_NaN(), 0.0);
+    bench.step();
+    CHECK(x_t(bench) == scheduled);
+    CHECK(bench.cycle.outside_targets() == 0);
+    CHECK(bench.cycle.outside_targets_refused() == 2);
+}
+
+TEST_CASE("a target out of reach is put on the reachable ring") {
+    const PlanarArm arm(PlanarArmConfig{});
+    const double w_t_rad = test::clock_config().hpmc.dynamic_task.w_t_rad;
+    const Eigen::Vector2d hand_of_wrist =
+        0.044 * Eigen::Vector2d(std::cos(w_t_rad), std::sin(w_t_rad));
+    NodeBench bench;
+    step_until(bench, 1100);
+    for (const Eigen::Vector2d &asked :
+         {Eigen::Vector2d(2.0, 0.3), Eigen::Vector2d(-0.04, 0.018)}) {
+        bench.target_m = asked;
+        bench.step();
+        const double wrist_m = (x_t(bench) - hand_of_wrist).norm();
+        CHECK(wrist_m <= arm.wrist_reach_max_m() + 1e-9);
+        CHECK(wrist_m >= arm.wrist_reach_min_m() - 1e-9);
+        CHECK(x_t(bench) != asked);
+        CHECK(x_t(bench).allFinite());
+    }
+    CHECK(bench.cycle.fault().empty());
+}

@@ -52,8 +52,11 @@ BAD = [
     (["--jobs", "0", "--mode", "sil"], "argument --jobs: '0': must be a whole number, 1 to 256"),
     (["--jobs", "two"], "argument --jobs: 'two': must be a whole number, 1 to 256"),
     (["--jobs", "2"], "--jobs: goes with --mode sil"),
-    (["--pace", "realtime", "--mode", "sil"], "--pace realtime and --uml: go with --mode vcan"),
-    (["--uml", "--mode", "sil"], "--pace realtime and --uml: go with --mode vcan"),
+    (["--uml", "--mode", "sil"], "--uml: goes with --mode vcan"),
+    (["--lcm-url", "udpm://239.255.76.67:7667"], "--lcm-url: goes with --mode sil"),
+    (["--lcm-url", "tcp://1.2.3.4", "--mode", "sil"], "--lcm-url tcp://1.2.3.4: must be"),
+    (["--jobs", "2", "--pace", "realtime", "--mode", "sil"], "--jobs: one process only"),
+    (["--targets", "no/such"], "--targets no/such: holds no run.lcmlog"),
     (["--set", "bus.command_delay_ms=1"], "bus.command_delay_ms: goes with --mode sil"),
     (
         ["--set", "arm.lenght_m=[1, 1, 1]"],

@@ -5,8 +5,11 @@ from collections.abc import Sequence
 
 MODULES = {
     "run": "hpmc.run_command",
+    "view": "hpmc.view.command",
     "node": "hpmc.node",
     "log": "hpmc.log",
+    "report": "hpmc.report.command",
+    "can": "hpmc.can.command",
     "bench": "hpmc.bench",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",

@@ -25,6 +25,8 @@ class Experiment:
     out: Path | None = None  # folder to make; runs/TIME-NAME-MODE when left out
     uml: bool = False
     figures: bool = True
+    lcm_url: str | None = None  # sil: where to publish what happens while it happens
+    targets: Path | None = None  # a run whose targets from outside act again
 
     def load(self) -> Configuration:
         """The whole configuration. Raises ConfigurationError."""
@@ -35,6 +37,15 @@ class Experiment:
                 "--fixed: these programs are made and chosen by ./rig run --fixed"
             )
         return configuration
+
+    def targets_log(self) -> Path | None:
+        """The log that `targets` names. Raises ConfigurationError."""
+        if self.targets is None:
+            return None
+        log = self.targets / "run.lcmlog" if self.targets.is_dir() else self.targets
+        if not log.is_file():
+            raise ConfigurationError(f"--targets {self.targets}: holds no run.lcmlog")
+        return log.absolute()
 
     def log_level(self, configuration: Configuration) -> str:
         return self.log or ("full" if configuration.reaches <= FULL_LOG_REACHES else "states")

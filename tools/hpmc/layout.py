@@ -12,6 +12,9 @@ RUNS = ROOT / "runs"
 WITH_VCAN = ROOT / "tools" / "with-vcan"
 LAUNCHER = ROOT / "tools" / "hpmc" / "launcher.py"
 
+# Where whoever looks on finds a run (sim_host/link/lcm_link.h).
+DEFAULT_TELEMETRY_URL = "udpm://239.255.76.67:7667?ttl=0"
+
 PROGRAMS = {
     "arm_sim": BUILD / "sim_host" / "apps" / "arm_sim",
     "bench": BUILD / "sim_host" / "apps" / "rig_bench",
@@ -20,4 +23,5 @@ PROGRAMS = {
     "motor_node": BUILD / "firmware" / "port" / "motor_node",
     "run_logger": BUILD / "sim_host" / "apps" / "run_logger",
     "sil": BUILD / "sim_host" / "apps" / "sil",
+    "telemetry_relay": BUILD / "sim_host" / "apps" / "telemetry_relay",
 }

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from hpmc.configuration import Configuration, ConfigurationError, experiments
 from hpmc.experiment import FULL_LOG_REACHES, Experiment
-from hpmc.layout import RUNS
+from hpmc.layout import DEFAULT_TELEMETRY_URL, RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
 from hpmc.modes.vcan import sandbox_name
@@ -82,7 +82,7 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--pace",
         choices=("lockstep", "realtime"),
         default="lockstep",
-        help="as fast as it goes (default), or held to the wall clock (vcan)",
+        help="as fast as it goes (default), or held to the wall clock",
     )
     parser.add_argument(
         "--jobs",
@@ -107,6 +107,18 @@ def parse(argv: Sequence[str]) -> Experiment:
         action="store_true",
         help="vcan inside user-mode Linux even where the kernel has CAN",
     )
+    parser.add_argument(
+        "--lcm-url",
+        metavar="URL",
+        help="sil: publish what happens there while it happens, and take targets (ARM_TARGET) "
+        f"from there, e.g. {DEFAULT_TELEMETRY_URL}; vcan does so in its sandbox anyway",
+    )
+    parser.add_argument(
+        "--targets",
+        type=Path,
+        metavar="RUN",
+        help="folder of a run: the targets that came from outside act again, at their time",
+    )
     parser.add_argument("--no-figures", action="store_true", help="no pictures")
     options = parser.parse_args(argv)
     return Experiment(
@@ -121,6 +133,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         out=options.out,
         uml=options.uml,
         figures=not options.no_figures,
+        lcm_url=options.lcm_url,
+        targets=options.targets,
     )
 
 
@@ -192,6 +206,7 @@ def execute(experiment: Experiment, console: Console) -> Path:
     level = experiment.log_level(configuration)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (experiment.out or RUNS / f"{now}-{experiment.name}-{experiment.mode}").absolute()
+    targets = experiment.targets_log()
     check_folder(folder)
     check_space(folder, log_bytes(configuration, level) + candump_bytes(configuration, level))
     config_file = make_folder(folder, configuration)
@@ -206,6 +221,8 @@ def execute(experiment: Experiment, console: Console) -> Path:
         jobs=experiment.jobs,
         realtime=experiment.pace == "realtime",
         uml=experiment.uml,
+        lcm_url=experiment.lcm_url,
+        targets=targets,
     )
     with bar.bar:
         outcome = mode.run(job)

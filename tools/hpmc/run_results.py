@@ -82,6 +82,12 @@ def write_results(
         else None,
     )
     summary = build_summary(facts, analysis, geometry)
+    if outside := total(outcome.stats, "outside_targets"):
+        console.print(
+            f"targets from outside: {outside}; the figures of those reaches mean little"
+        )
+    if refused := total(outcome.stats, "outside_targets_refused", "outside_targets_dropped"):
+        console.print(f"targets from outside that were refused: {refused}; none acts between the reaches")
     if analysis.incomplete:
         console.print(f"{analysis.incomplete} reaches lack samples and are left out")
     for damage in analysis.damage:

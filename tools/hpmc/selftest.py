@@ -170,6 +170,12 @@ def steps() -> list[Step]:
             "one test alone: build/venv/bin/python -m pytest tests/tools -k NAME", after="build",
         ),
         Step(
+            "view", "the viewer: its server, and its page in headless Chromium",
+            [[*PYTEST, "tests/view"]], 300,
+            "one test alone: build/venv/bin/python -m pytest tests/view -k NAME", after="build",
+            alone=True,
+        ),
+        Step(
             "fixed", "joint controllers in integers: programs and C tests",
             [configure_fixed, [*build_fixed[:4], "--target", "rig", "unit_tests", *build_fixed[4:]],
              [*ctest_fixed, "-L", "unit"]], 600,

@@ -22,6 +22,12 @@ class Job:
     jobs: int = 1  # sil
     realtime: bool = False
     uml: bool = False  # vcan
+    lcm_url: str | None = None  # sil
+    targets: Path | None = None  # log of a run whose targets from outside act again
+
+    def targets_option(self) -> list[str]:
+        """For sil and hpmc_host."""
+        return ["--targets", str(self.targets)] if self.targets else []
 
 
 @dataclass

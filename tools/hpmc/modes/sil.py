@@ -1,21 +1,32 @@
 """The rig in one process, or repetitions spread over several."""
 
 import json
+import re
 import signal
 import time
 from collections.abc import Callable
 
 from hpmc.configuration import Configuration, ConfigurationError
 from hpmc.experiment import Experiment
-from hpmc.layout import PROGRAMS
+from hpmc.layout import DEFAULT_TELEMETRY_URL, PROGRAMS
 from hpmc.modes.job import Job, Outcome
 from hpmc.processes import Child, Watch
 from hpmc.run_progress import ProgressBar
 
+LCM_URL = re.compile(r"udpm://(\d{1,3}\.){3}\d{1,3}:\d{1,5}(\?ttl=\d{1,3})?")
+
 
 def check(experiment: Experiment, _: Configuration) -> None:
-    if experiment.pace != "lockstep" or experiment.uml:
-        raise ConfigurationError("--pace realtime and --uml: go with --mode vcan")
+    if experiment.uml:
+        raise ConfigurationError("--uml: goes with --mode vcan")
+    if experiment.lcm_url is not None and not LCM_URL.fullmatch(experiment.lcm_url):
+        raise ConfigurationError(
+            f"--lcm-url {experiment.lcm_url}: must be like {DEFAULT_TELEMETRY_URL}"
+        )
+    if experiment.jobs > 1 and (experiment.lcm_url or experiment.targets):
+        raise ConfigurationError("--jobs: one process only with --lcm-url and --targets")
+    if experiment.jobs > 1 and experiment.pace == "realtime":
+        raise ConfigurationError("--jobs: one process only with --pace realtime")
 
 
 def spread(repetitions: int, jobs: int) -> list[tuple[int, int]]:
@@ -50,6 +61,9 @@ def run(job: Job) -> Outcome:
                 str(first),
                 "--repetitions",
                 str(count),
+                *(["--realtime"] if job.realtime else []),
+                *(["--lcm-url", job.lcm_url] if job.lcm_url else []),
+                *job.targets_option(),
             ]
             watch.add(Child(command, line_reader(outcome, job.bar, number, first)))
         watch.wait()

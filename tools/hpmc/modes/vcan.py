@@ -17,6 +17,8 @@ from hpmc.processes import Child, Watch
 def check(experiment: Experiment, configuration: Configuration) -> None:
     if experiment.jobs > 1:
         raise ConfigurationError("--jobs: goes with --mode sil")
+    if experiment.lcm_url:
+        raise ConfigurationError("--lcm-url: goes with --mode sil")
     if configuration.values["bus"]["command_delay_ms"] > 0:
         raise ConfigurationError("bus.command_delay_ms: goes with --mode sil")
 
@@ -35,7 +37,9 @@ def vcan_plan(job: Job, log: Path) -> dict[str, Any]:
     processes = {
         "run_logger": [str(PROGRAMS["run_logger"]), "--log", str(log), *log_level],
         **{f"motor_node {n}": [*node, "--id", str(n)] for n in (1, 2, 3)},
-        "hpmc_host": [str(PROGRAMS["hpmc_host"]), *config, *log_level],
+        "hpmc_host": [
+            str(PROGRAMS["hpmc_host"]), *config, *log_level, *job.targets_option()
+        ],
         "arm_sim": [str(PROGRAMS["arm_sim"]), *config, *(["--realtime"] if job.realtime else [])],
     }
     return {"processes": processes}

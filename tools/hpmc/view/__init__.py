@@ -1,0 +1,1 @@
+"""`./rig view`: a run, live or from its log, in the browser."""
