@@ -13,10 +13,10 @@ from typing import NoReturn
 from rich.console import Console
 from rich.live import Live as LiveDisplay
 
-from hpmc.can.decode import names
 from hpmc.can.show import Clock, Selection, line, picture, totals
 from hpmc.can.sources import Live, Recording, SourceError, SourceGone, find_source
 from hpmc.can.state import BusState
+from hpmc.can.words import names
 
 EXIT_USAGE = 2
 EXIT_ENDED = 3

@@ -7,8 +7,9 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from hpmc.can.decode import Decoded, decode, name_of
+from hpmc.can.decode import Decoded, decode
 from hpmc.can.state import BusState, node_texts
+from hpmc.can.words import name_of
 from hpmc.candump import Frame
 
 RUN_CLOCK_BELOW_S = 1e6  # time stamps above are those of a wall clock

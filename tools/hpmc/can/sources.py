@@ -1,6 +1,7 @@
 """Where frames come from: an interface, the sandbox of a vcan run, a recording."""
 
 import errno
+import itertools
 import os
 import re
 import selectors
@@ -25,6 +26,7 @@ _ARPHRD_CAN = 280
 _BUFFER_BYTES = 8 << 20
 _BATCH_FRAMES = 2000
 _PIPE_BYTES = 1 << 16
+_PROBED_LINES = 1000
 _END_S = 5.0
 _GONE = (errno.ENODEV, errno.ENETDOWN, errno.ENXIO)
 # linux/can.h, linux/socket.h: what Python's socket module does not name
@@ -42,7 +44,7 @@ class SourceError(ValueError):
     """WHERE is nothing that frames come from: one line."""
 
 
-class SourceGone(RuntimeError):  # noqa: N818
+class SourceGone(RuntimeError):
     """The interface has vanished while it was listened to: one line."""
 
 
@@ -79,12 +81,15 @@ class Recording:
             self.problems = list(run.problems)
             self._logs = [log for log in run.logs if log.count("CAN_FRAMES")]
             if not self._logs:
-                raise SourceError(f"{path}: no candump.log and no CAN_FRAMES (--log full keeps them)")
+                raise SourceError(
+                    f"{path}: no candump.log and no CAN_FRAMES (--log full keeps them)"
+                )
+        if self._logs:
+            return
         try:
-            if not self._logs:
-                with self._file.open(errors="replace") as file:
-                    if not any(parse_line(line) for line, _ in zip(file, range(1000), strict=False)):
-                        raise SourceError(f"{self._file}: is not in the format of candump -L")
+            with self._file.open(errors="replace") as file:
+                if not any(map(parse_line, itertools.islice(file, _PROBED_LINES))):
+                    raise SourceError(f"{self._file}: is not in the format of candump -L")
         except OSError as error:
             raise SourceError(f"{self._file}: cannot be read: {error.strerror}") from None
 

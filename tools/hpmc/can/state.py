@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hpmc import node_words
-from hpmc.can.decode import Decoded, decode, name_of, statusword_text
+from hpmc.can.decode import Decoded, decode
 from hpmc.can.load import BIT_RATE, frame_bits
+from hpmc.can.words import name_of, statusword_text
 from hpmc.candump import Frame
 
 WINDOW_S = 1.0  # that live rates are counted over
@@ -141,8 +142,9 @@ def bits_of(batch: list[Frame]) -> int:
 
 def node_texts(state: NodeState) -> tuple[str, str, str, str]:
     """NMT state, drive state, mode with limits, last emergency."""
+    nmt = node_words.nmt_state(state.nmt)
     drive = "" if state.statusword is None else statusword_text(state.statusword)
     limits = ", ".join(node_words.limit_reasons(state.limits or 0))
     mode = "" if state.mode is None else f"mode {state.mode}"
     emergency = f"{state.emergencies} x, last {state.last_emergency}" if state.emergencies else ""
-    return node_words.nmt_state(state.nmt), drive, "; ".join(filter(None, (mode, limits))), emergency
+    return nmt, drive, "; ".join(filter(None, (mode, limits))), emergency
