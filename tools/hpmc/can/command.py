@@ -144,6 +144,7 @@ def show_live(source: Live, options: argparse.Namespace, *, lines: bool) -> None
                         source.name, state, source.dropped, source.damaged, selection, clock,
                         console, live=True,
                     ), refresh=True)  # fmt: skip
+    state.measure(time.monotonic())
     print(f"{source.name}: {totals(state, source.dropped, source.damaged, live=True)}",
           file=sys.stderr)  # fmt: skip
 
@@ -159,7 +160,8 @@ def quiet_pipe() -> Iterator[None]:
 
 
 def main(argv: Sequence[str]) -> int:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         with quiet_pipe():
             options = parse(argv)

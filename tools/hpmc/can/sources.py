@@ -33,6 +33,7 @@ _GONE = (errno.ENODEV, errno.ENETDOWN, errno.ENXIO)
 _FRAME = struct.Struct("=IB3x8s")
 _SO_RXQ_OVFL = 40
 _SO_TIMESTAMPNS = 35
+_CAN_RAW_ERR_FILTER = 2
 _EFF_FLAG, _RTR_FLAG, _ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
 _ALL_ERRORS = 0x1FFFFFFF
 _COUNTER = struct.Struct("=I")
@@ -114,15 +115,19 @@ class Interface:
     def __enter__(self) -> Self:
         try:
             self._bus = can.Bus(interface="socketcan", channel=self.name)
+        except (OSError, can.CanError) as error:
+            raise SourceError(f"{self.name}: cannot be listened to: {error}") from None
+        try:
             self._socket: socket.socket = self._bus.socket
             self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
             self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             self._socket.setsockopt(
-                socket.SOL_CAN_RAW, socket.CAN_RAW_ERR_FILTER, struct.pack("=I", _ALL_ERRORS)
+                socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, struct.pack("=I", _ALL_ERRORS)
             )
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
             self._socket.setblocking(False)
-        except (OSError, can.CanError) as error:
+        except OSError as error:
+            self._bus.shutdown()
             raise SourceError(f"{self.name}: cannot be listened to: {error}") from None
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._socket, selectors.EVENT_READ)

@@ -29,6 +29,8 @@ _WIDTH_IN = 5.0
 _JOINT_COLORS = (PLANNED, EXECUTED, HARMONIC)
 _JOINT_LINES = ("-", (0, (5, 1.5)), (0, (1.5, 1)))
 _COLUMNS = 1500  # of a time line: what lies closer is one
+_LETTER_WIDTH = 0.0115  # of the time line's width
+_LEGEND_COLUMNS = 5
 _DRIVE_COLORS = {
     "operation enabled": HARMONIC, "fault": FAULT, "fault reaction active": FAULT,
     "quick stop active": EXECUTED, "switched on": PLANNED, "ready to switch on": PLANNED,
@@ -62,7 +64,7 @@ def reach_charts(signals: ReachSignals) -> list[tuple[str, list[Chart]]]:
             signals.time_s, signals.wrench_N[:, None], ("hand",), "N", at_zero=True), 2.2))  # fmt: skip
     joints = [
         _chart(f"Joint {joint + 1}, {name}: torque between ±T_max, phase of its FIC",
-               lambda joint=joint: _torque(signals, joint), 2.6)
+               lambda joint=joint: _torque(signals, joint), 2.8)
         for joint, name in enumerate(JOINTS)
     ]  # fmt: skip
     return [
@@ -79,7 +81,7 @@ def timeline_chart(line: Timeline) -> Chart:
     """Phases of the run, drive states and limit reasons of the nodes, emergencies as marks."""
     rows = ["run", *(f"node {node}" for node in sorted(line.drives))]
     rows += [f"node {node}: {name}" for node, name in sorted(line.limits)]
-    height = 0.75 + 0.26 * len(rows)
+    height = 1.15 + 0.26 * len(rows)
     return _chart("Time line", lambda: _timeline(line, rows), height, width=9.4)
 
 
@@ -243,7 +245,7 @@ def _torque(signals: ReachSignals, joint: int) -> Figure:
                          label=name)  # fmt: skip
     axis.set_ylabel("N m")
     axis.set_xlabel("time, s")
-    _legend(axis, 5)
+    _legend(axis, 3)
     return figure
 
 
@@ -268,12 +270,14 @@ def _timeline(line: Timeline, rows: Sequence[str]) -> Figure:
     for span in _merged(line.phases, line):
         color = phase_colors[PHASES.index(span.what)] if span.what in PHASES else SOFT
         _bar(axis, 0, span, color, alpha=0.75)
-        _write_inside(axis, 0, span, line)
+        if not _write_inside(axis, 0, span, line):
+            handles[span.what] = Patch(color=color, alpha=0.75, label=span.what)
     for row, node in enumerate(sorted(line.drives), start=1):
         for span in _merged(line.drives[node], line):
             color = _DRIVE_COLORS.get(span.what, SOFT)
             _bar(axis, row, span, color, alpha=0.45)
-            _write_inside(axis, row, span, line)
+            if not _write_inside(axis, row, span, line):
+                handles[span.what] = Patch(color=color, alpha=0.45, label=span.what)
     for row, key in enumerate(sorted(line.limits), start=1 + len(line.drives)):
         for span in _merged(line.limits[key], line):
             _bar(axis, row, span, EXECUTED, alpha=0.9)
@@ -282,7 +286,10 @@ def _timeline(line: Timeline, rows: Sequence[str]) -> Figure:
         axis.plot(event.time_s, row, marker="v", color=FAULT, markersize=8, clip_on=False)
         handles["emergency"] = Patch(color=FAULT, label="emergency")
     if handles:
-        axis.legend(handles=list(handles.values()), loc="lower right", bbox_to_anchor=(1, 1.0))
+        axis.legend(
+            handles=list(handles.values()), loc="lower left", bbox_to_anchor=(0, 1.0),
+            ncols=_LEGEND_COLUMNS, handlelength=1.2,
+        )  # fmt: skip
     axis.set_yticks(range(len(rows)), rows)
     axis.set_ylim(len(rows) - 0.45, -0.55)
     axis.set_xlim(line.begin_s, max(line.end_s, line.begin_s + 1e-3))
@@ -299,12 +306,14 @@ def _bar(axis: Axes, row: int, span: Span, color: str, alpha: float) -> None:
     )  # fmt: skip
 
 
-def _write_inside(axis: Axes, row: int, span: Span, line: Timeline) -> None:
-    """The name of what lasted, where there is room for it."""
-    room = (span.to_s - span.from_s) / max(line.end_s - line.begin_s, 1e-9)
-    if room > 0.0115 * len(span.what) + 0.01:
-        axis.text((span.from_s + span.to_s) / 2, row, span.what, ha="center", va="center",
-                  fontsize=8.5)  # fmt: skip
+def _write_inside(axis: Axes, row: int, span: Span, line: Timeline) -> bool:
+    """The name of what lasted, where there is room for it; whether there is."""
+    part = (span.to_s - span.from_s) / max(line.end_s - line.begin_s, 1e-9)
+    if part < _LETTER_WIDTH * (len(span.what) + 1):
+        return False
+    axis.text((span.from_s + span.to_s) / 2, row, span.what, ha="center", va="center",
+              fontsize=8.5)  # fmt: skip
+    return True
 
 
 def _merged(spans: Sequence[Span], line: Timeline) -> list[Span]:

@@ -30,6 +30,7 @@ BASE_EXPERIMENT = "clock"  # its file holds every key (docs/configuration.md)
 WHOLE_CLOCK = 16  # reaches of a repetition of the paper's experiment
 _LOAD_BUCKET_S = 0.1
 _LOAD_POINTS = 600
+_WIDE_PX = 1300
 _FIGURE_TITLES = {
     "fig1_arm": "The arm from above", "fig3_r_per_target": "Smoothness r per target",
     "fig4_rmse_per_target": "Tracking errors per target",
@@ -45,6 +46,7 @@ class Picture:
 
     title: str
     data: str  # base64
+    wide: bool
 
 
 def gather(path: Path, reach_number: int | None) -> dict[str, Any]:
@@ -103,7 +105,7 @@ def gather(path: Path, reach_number: int | None) -> dict[str, Any]:
 
 
 def _title(name: str, mode: str, run: RunFolder) -> str:
-    words = name.replace("_", " ").capitalize() if run.config else "Log"
+    words = f"{name.replace('_', ' ').capitalize()} experiment" if run.config else "Log"
     return f"{words}{', ' + mode if mode else ''}"
 
 
@@ -214,7 +216,7 @@ def _speed_card(run: RunFolder, facts: RunDescription) -> dict[str, str]:
         }  # fmt: skip
     if factor := summary.get("real_time_factor"):
         return {
-            "name": "speed", "value": f"{factor:.2f} x real time",
+            "name": "times real time", "value": f"{factor:.2f}",
             "beside": f"{summary['simulated_s']:.1f} s in {summary['wall_s']:.1f} s",
         }  # fmt: skip
     return {"name": "run clock", "value": f"{facts.duration_s:.2f} s", "beside": "in the logs"}
@@ -321,7 +323,9 @@ def _pictures(run: RunFolder, analysis: Analysis | None, missing: list[str]) -> 
 
 def _picture(file: Path) -> Picture:
     title = _FIGURE_TITLES.get(file.stem, file.stem.replace("_", " "))
-    return Picture(title, base64.b64encode(file.read_bytes()).decode())
+    png = file.read_bytes()
+    width_px = int.from_bytes(png[16:20], "big")  # of the header (PNG specification, 11.2.1)
+    return Picture(title, base64.b64encode(png).decode(), width_px >= _WIDE_PX)
 
 
 def _places(run: RunFolder) -> list[ReachPlace]:
