@@ -60,8 +60,9 @@ def reach_charts(signals: ReachSignals) -> list[tuple[str, list[Chart]]]:
             signals.time_s, signals.link_force_N, LINKS, "N", at_zero=True), 2.2),
     ]  # fmt: skip
     if signals.wrench_N.max() > 0:
+        measured = signals.wrench_N[:, None]
         region.append(_chart("Measured wrench |W| of the hand on its environment", lambda: _triple(
-            signals.time_s, signals.wrench_N[:, None], ("hand",), "N", at_zero=True), 2.2))  # fmt: skip
+            signals.time_s, measured, ("hand",), "N", at_zero=True), 2.2))  # fmt: skip
     joints = [
         _chart(f"Joint {joint + 1}, {name}: torque between ±T_max, phase of its FIC",
                lambda joint=joint: _torque(signals, joint), 2.8)
@@ -120,7 +121,7 @@ def period_chart(pace: dict[str, object]) -> Chart | None:
     return _chart("Length of the SYNC periods", draw, 2.2)
 
 
-# --- drawing ---------------------------------------------------------------------------------------
+# --- drawing -------------------------------------------------------------------------------------
 
 
 def _chart(

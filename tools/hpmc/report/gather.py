@@ -2,8 +2,8 @@
 
 import base64
 import datetime
+import io
 import math
-import tempfile
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -290,7 +290,7 @@ def _in_words(summary: dict[str, Any] | None, analysis: Analysis | None) -> list
     return lines
 
 
-# --- pictures and reaches --------------------------------------------------------------------------
+# --- pictures and reaches ------------------------------------------------------------------------
 
 
 def _geometry(run: RunFolder) -> ClockGeometry:
@@ -308,22 +308,26 @@ def _pictures(run: RunFolder, analysis: Analysis | None, missing: list[str]) -> 
     if run.path.is_dir():
         files = sorted(run.path.glob("fig*.png"))
         if files:
-            return [_picture(file) for file in files]
+            return [_picture(file.stem, file.read_bytes()) for file in files]
     if analysis is None or not _is_papers(run):
         return []
-    from hpmc.figures import draw_all
+    from hpmc.figures import FIGURES, style
 
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            draw_all(analysis, Path(folder), _geometry(run))
-        except (KeyError, ValueError) as error:
-            missing.append(f"The paper's figures could not be drawn: {error}.")
-        return [_picture(file) for file in sorted(Path(folder).glob("fig*.png"))]
+    pictures = []
+    try:
+        geometry = _geometry(run)
+        for name, draw in FIGURES.items():
+            png = io.BytesIO()
+            with style():
+                draw(analysis, geometry).savefig(png, format="png")
+            pictures.append(_picture(name, png.getvalue()))
+    except (KeyError, ValueError) as error:
+        missing.append(f"The paper's figures could not be drawn: {error}.")
+    return pictures
 
 
-def _picture(file: Path) -> Picture:
-    title = _FIGURE_TITLES.get(file.stem, file.stem.replace("_", " "))
-    png = file.read_bytes()
+def _picture(name: str, png: bytes) -> Picture:
+    title = _FIGURE_TITLES.get(name, name.replace("_", " "))
     width_px = int.from_bytes(png[16:20], "big")  # of the header (PNG specification, 11.2.1)
     return Picture(title, base64.b64encode(png).decode(), width_px >= _WIDE_PX)
 
@@ -360,7 +364,7 @@ def _why_this(analysis: Analysis | None, place: ReachPlace | None) -> str:
     return f"the one with the largest position error, {worst:.2f} mm; another one with --reach N"
 
 
-# --- bus and timing --------------------------------------------------------------------------------
+# --- bus and timing ------------------------------------------------------------------------------
 
 
 def _frames(run: RunFolder) -> dict[str, Any] | None:
@@ -433,7 +437,7 @@ def _bus_rows(
     return rows
 
 
-# --- configuration ---------------------------------------------------------------------------------
+# --- configuration -------------------------------------------------------------------------------
 
 
 def _configuration(run: RunFolder) -> tuple[str, list[tuple[str, list[dict[str, str]]]], int]:

@@ -53,11 +53,11 @@ class ReachSignals:
     hand_speed_from: str
     joint_error_rad: np.ndarray  # (n, 3), Q_d - q
     link_error_m: np.ndarray  # (n, 3), length
-    link_force_N: np.ndarray  # (n, 3), length  # noqa: N815
-    wrench_N: np.ndarray  # (n), length  # noqa: N815
-    tau_d_Nm: np.ndarray  # (n, 3)  # noqa: N815
-    tau_max_Nm: np.ndarray  # (n, 3)  # noqa: N815
-    tau_Nm: np.ndarray  # (n, 3)  # noqa: N815
+    link_force_N: np.ndarray  # (n, 3), length
+    wrench_N: np.ndarray  # (n), length
+    tau_d_Nm: np.ndarray  # (n, 3)
+    tau_max_Nm: np.ndarray  # (n, 3)
+    tau_Nm: np.ndarray  # (n, 3)
     convergence: np.ndarray  # (n, 3), phase of each FIC
     saturated: np.ndarray  # (n)
 
