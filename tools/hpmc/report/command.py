@@ -72,7 +72,7 @@ def main(argv: Sequence[str]) -> int:
         file = options.out or beside
         if file.is_dir():
             raise LogError(f"-o {file}: is a folder")
-        if not file.parent.is_dir():  # said before the work, not after it
+        if options.run.exists() and not file.parent.is_dir():  # said before the work
             raise LogError(f"-o {file}: there is no folder {file.parent}")
         page = make_page(options.run, options.reach)
         write_page(page, file)
