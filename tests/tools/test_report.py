@@ -288,7 +288,7 @@ def test_interrupted_run_says_what_is_missing_and_shows_the_rest(run: Path, tmp_
     text = text_of(quick_page(tmp_path))
     assert "summary.json is missing: the run did not come to its end" in text
     assert re.search(r"run\.lcmlog: \d+ bytes at \d+ hold no whole message", text)
-    assert re.search(r"\d reaches lack samples and are left out|reach \d", text)
+    assert re.search(r"\d reaches lack samples and are left out|Reach \d", text)
     assert "One reach, layer by layer" in text
     assert "paper 1.616 ± 0.007" in text
 
@@ -328,7 +328,7 @@ def test_log_without_configuration_and_one_of_another_program(tmp_path: Path, ri
     write_clock_log(tmp_path / "run.lcmlog", reaches=2)
     text = text_of(quick_page(tmp_path))
     assert "There is no configuration: the reaches cannot be measured." in text
-    assert "reach 1, home to target 1" in text
+    assert "Reach 1, home to target 1" in text
     other = tmp_path / "other.lcmlog"
     log = lcm.EventLog(str(other), "w", overwrite=True)
     log.write_event(0, "ELSEWHERE", b"12345678")
@@ -367,7 +367,7 @@ def test_page_goes_into_the_folder_or_where_it_is_told(run: Path, tmp_path: Path
     target = tmp_path / "elsewhere" / "page.html"
     target.parent.mkdir()
     assert rig(folder, "-o", target, "--reach", "18")[0] == 0
-    assert "reach 18, target 1 to home, repetition 1" in target.read_text()
+    assert "Reach 18, target 1 to home, repetition 1" in target.read_text()
     assert [file.name for file in target.parent.iterdir()] == ["page.html"]
 
 

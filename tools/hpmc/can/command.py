@@ -112,6 +112,19 @@ def show_live(source: Live, options: argparse.Namespace, *, lines: bool) -> None
     """Until Ctrl-C, --count, or the end of the interface."""
     state, clock = BusState(), Clock()
     selection = Selection(options.node, options.filter)
+    try:
+        _watch(source, options, state, clock, selection, lines=lines)
+    finally:
+        state.measure(time.monotonic())
+        if state.frames:
+            print(f"{source.name}: {totals(state, source.dropped, source.damaged, live=True)}",
+                  file=sys.stderr)  # fmt: skip
+
+
+def _watch(
+    source: Live, options: argparse.Namespace, state: BusState, clock: Clock,
+    selection: Selection, *, lines: bool,
+) -> None:  # fmt: skip
     console = Console(highlight=False)
     shown, drops_told, renewed = 0, 0, time.monotonic()
     state.measure(renewed)
@@ -144,9 +157,6 @@ def show_live(source: Live, options: argparse.Namespace, *, lines: bool) -> None
                         source.name, state, source.dropped, source.damaged, selection, clock,
                         console, live=True,
                     ), refresh=True)  # fmt: skip
-    state.measure(time.monotonic())
-    print(f"{source.name}: {totals(state, source.dropped, source.damaged, live=True)}",
-          file=sys.stderr)  # fmt: skip
 
 
 @contextlib.contextmanager
