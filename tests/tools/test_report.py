@@ -36,7 +36,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(
         [sys.executable, "-m", "hpmc", "run", "clock", "--mode", "sil", "--no-figures",
          "--repetitions", "2", "--jobs", "2", "--out", folder,
-         "--set", "joint_coordination.wrench_cutoff_Hz=80", "--set", "experiment.period_s=0.5"],
+         "--set", "joint_coordination.wrench_cutoff_Hz=80", "--set", "experiment.period_s=0.3"],
         check=True, stdout=subprocess.DEVNULL, timeout=120, cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT / "tools")},
     )  # fmt: skip
@@ -150,7 +150,7 @@ def test_versions_and_health(run: Path, page: str) -> None:
     text = text_of(page)
     for value in (info["git"], info["protocol_hash"], info["libm"], info["build"]):
         assert re.sub(r"\s+", " ", value) in text
-    assert "ARM_STATE 18500 1000.00 1.000 0 0 0" in text
+    assert "ARM_STATE 12100 1000.00 1.000 0 0 0" in text
     assert "181h N1_TPDO1" in text
     assert "Emergencies None." in text
 
@@ -178,7 +178,7 @@ def test_reach_has_the_signals_of_the_log_at_one_sync(run: Path) -> None:
     span = place.from_us / 1e6, place.to_us / 1e6
     state = folder.read("HPMC_STATE", [], *span)
     arm = folder.read("ARM_STATE", [], *span)
-    assert signals.time_s.size == len(state) == 500
+    assert signals.time_s.size == len(state) == 300
     assert np.array_equal(signals.x_d_m[:, 1], state["x_d_m[1]"])
     assert np.array_equal(signals.tau_max_Nm[:, 2], state["tau_max_Nm[2]"])
     wrench = np.hypot(state["w_link_N[1][0]"], state["w_link_N[1][1]"])

@@ -112,13 +112,16 @@ def show_live(source: Live, options: argparse.Namespace, *, lines: bool) -> None
     """Until Ctrl-C, --count, or the end of the interface."""
     state, clock = BusState(), Clock()
     selection = Selection(options.node, options.filter)
+    interrupted = False
     try:
         _watch(source, options, state, clock, selection, lines=lines)
-    finally:
-        state.measure(time.monotonic())
-        if state.frames:
-            print(f"{source.name}: {totals(state, source.dropped, source.damaged, live=True)}",
-                  file=sys.stderr)  # fmt: skip
+    except KeyboardInterrupt:
+        interrupted = True
+    state.measure(time.monotonic())
+    print(f"{source.name}: {totals(state, source.dropped, source.damaged, live=True)}",
+          file=sys.stderr)  # fmt: skip
+    if interrupted:
+        raise KeyboardInterrupt
 
 
 def _watch(
