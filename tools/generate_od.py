@@ -221,6 +221,8 @@ def c_header(od: Dictionary) -> str:
         "/** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */",
         f"#define OD_PROTOCOL_HASH 0x{od.hash.upper()}U",
         f'#define OD_PROTOCOL_HASH_TEXT "{od.hash}"',
+        "/** Without that hash. */",
+        f'#define OD_SOFTWARE_VERSION "{od.by_key[0x100A0000].default}"',
         "",
         f"#define OD_ENTRY_COUNT {len(od.entries)}U",
         "",
@@ -307,12 +309,11 @@ def c_pdo(name: str, entries: list[Entry]) -> list[str]:
         value = f"od->{e.field}" if name.startswith("t") else e.name
         if name.startswith("t"):
             unsigned = f"(uint{e.type.bits}_t)" if e.type.signed else ""
-            for byte in range(e.type.bits // 8):
-                if e.type.bits == 8:
-                    body.append(f"    data[{at}] = {unsigned}{value};")
-                else:
-                    shift = f" >> {8 * byte}" if byte else ""
-                    body.append(f"    data[{at + byte}] = (uint8_t)({unsigned}{value}{shift});")
+            if e.type.bits == 8:
+                body.append(f"    data[{at}] = {unsigned}{value};")
+            else:
+                put = f"little_endian_put_u{e.type.bits}"
+                body.append(f"    {put}({unsigned}{value}, &data[{at}]);")
         else:
             body.append(f"    const {e.type.c_type} {value} = {c_decode(e.type, at)};")
             if e.low > e.type.low:
@@ -333,13 +334,15 @@ def c_decode(type_: Type, at: int) -> str:
     cast = f"({type_.c_type})" if type_.signed else ""
     if type_.bits == 8:
         return f"{cast}data[{at}]"
-    return f"{cast}get_u{type_.bits}(&data[{at}])"
+    return f"{cast}little_endian_u{type_.bits}(&data[{at}])"
 
 
 def c_source(od: Dictionary) -> str:
     lines = [
         f"/* {NOTE} */",
         '#include "od/object_dictionary.h"',
+        "",
+        '#include "od/little_endian.h"',
         "",
         "#define AT(field) ((uint16_t)offsetof(object_dictionary_t, field))",
         "",
@@ -374,16 +377,6 @@ def c_source(od: Dictionary) -> str:
                 value += " + node_id"
         lines.append(f"    od->{e.field} = {value};")
     lines += ["}"]
-    for bits in (16, 32):
-        terms = [f"(uint{bits}_t)data[0]"]
-        terms += [f"((uint{bits}_t)data[{i}] << {8 * i})" for i in range(1, bits // 8)]
-        cast = "(uint16_t)" if bits == 16 else ""
-        value = " | ".join(terms)
-        value = f"{cast}({value})" if cast else value
-        lines += ["", f"static uint{bits}_t get_u{bits}(const uint8_t *data) {{"]
-        if len(value) + 12 > 100:
-            value = value.replace(" | ((uint32_t)data[3]", " |\n           ((uint32_t)data[3]")
-        lines += [f"    return {value};", "}"]
     for name, _, entries in od.pdos():
         lines += c_pdo(name, entries)
     return "\n".join(lines) + "\n"

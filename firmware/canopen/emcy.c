@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "canopen/node_time.h"
+#include "od/little_endian.h"
 
 #define QUEUE_SIZE 8U
 #define HISTORY_SIZE 8U
@@ -18,6 +19,7 @@ static uint8_t register_bits(emcy_code_t code) {
         return ERROR_REGISTER_GENERIC | ERROR_REGISTER_CURRENT;
     case 0x4300U:
         return ERROR_REGISTER_GENERIC | ERROR_REGISTER_TEMPERATURE;
+    case 0x5500U:
     case 0x6000U:
         return ERROR_REGISTER_GENERIC;
     case 0x8100U:
@@ -29,18 +31,16 @@ static uint8_t register_bits(emcy_code_t code) {
 }
 
 static void push(uint16_t code, uint8_t error_register, uint8_t source, int32_t detail,
-                 const object_dictionary_t *od, emcy_t *emcy) {
+                 emcy_t *emcy) {
     if (emcy->count == QUEUE_SIZE) {
         return; /* the history has it */
     }
-    const uint32_t bits = (uint32_t)detail;
-    const can_frame_t frame = {
-        .id = (uint16_t)od->cob_id_emcy,
-        .len = 8,
-        .data = {(uint8_t)code, (uint8_t)(code >> 8), error_register, source, (uint8_t)bits,
-                 (uint8_t)(bits >> 8), (uint8_t)(bits >> 16), (uint8_t)(bits >> 24)},
-    };
-    emcy->frames[(emcy->first + emcy->count) % QUEUE_SIZE] = frame;
+    can_frame_t *frame = &emcy->frames[(emcy->first + emcy->count) % QUEUE_SIZE];
+    frame->len = 8;
+    little_endian_put_u16(code, &frame->data[0]);
+    frame->data[2] = error_register;
+    frame->data[3] = source;
+    little_endian_put_u32((uint32_t)detail, &frame->data[4]);
     emcy->count++;
 }
 
@@ -62,13 +62,13 @@ void emcy_raise(emcy_code_t code, uint8_t source, int32_t detail, object_diction
 void emcy_report(emcy_code_t code, uint8_t source, int32_t detail, object_dictionary_t *od,
                  emcy_t *emcy) {
     remember((uint32_t)code, source, od);
-    push((uint16_t)code, od->error_register | register_bits(code), source, detail, od, emcy);
+    push((uint16_t)code, od->error_register | register_bits(code), source, detail, emcy);
 }
 
 void emcy_clear(object_dictionary_t *od, emcy_t *emcy) {
     if (od->error_register != 0U) {
         od->error_register = 0;
-        push(EMCY_NO_ERROR, 0, 0, 0, od, emcy);
+        push(EMCY_NO_ERROR, 0, 0, 0, emcy);
     }
 }
 
@@ -79,6 +79,7 @@ bool emcy_next(const object_dictionary_t *od, uint32_t elapsed_us, bool may_send
         return false;
     }
     *frame = emcy->frames[emcy->first];
+    frame->id = (uint16_t)od->cob_id_emcy; /* the node-id may be another than when it was queued */
     emcy->first = (uint8_t)((emcy->first + 1U) % QUEUE_SIZE);
     emcy->count--;
     emcy->since_us = 0;

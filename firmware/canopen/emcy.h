@@ -22,6 +22,7 @@ typedef enum {
     EMCY_NO_ERROR = 0x0000,         /**< no error */
     EMCY_OVER_CURRENT = 0x2310,     /**< over-current */
     EMCY_OVER_TEMPERATURE = 0x4310, /**< over-temperature */
+    EMCY_PARAMETERS_LOST = 0x5530,  /**< stored parameters lost, defaults taken */
     EMCY_SUPERVISOR_RESET = 0x6010, /**< reset by watchdog or supervisor */
     EMCY_ENCODER = 0x7305,          /**< encoder implausible */
     EMCY_OWN_NODE_ID = 0x8100,      /**< own node-id heard from another device */

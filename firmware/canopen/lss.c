@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "od/little_endian.h"
+
 /* Command specifiers, CiA 305, clause 6. */
 #define SWITCH_GLOBAL 0x04U
 #define CONFIGURE_NODE_ID 0x11U
@@ -22,17 +24,10 @@
 #define STORE_FAILED 2U
 #define NODE_ID_MAX 127U
 
-static uint32_t get_u32(const uint8_t *data) {
-    return (uint32_t)data[0] | ((uint32_t)data[1] << 8) | ((uint32_t)data[2] << 16) |
-           ((uint32_t)data[3] << 24);
-}
-
 static lss_action_t answer(uint8_t command, uint32_t value, can_frame_t *response) {
-    const can_frame_t frame = {.id = LSS_RESPONSE_COB_ID,
-                               .len = 8,
-                               .data = {command, (uint8_t)value, (uint8_t)(value >> 8),
-                                        (uint8_t)(value >> 16), (uint8_t)(value >> 24)}};
+    const can_frame_t frame = {.id = LSS_RESPONSE_COB_ID, .len = 8, .data = {command}};
     *response = frame;
+    little_endian_put_u32(value, &response->data[1]);
     return LSS_ANSWER;
 }
 
@@ -74,7 +69,7 @@ static lss_action_t fastscan(const uint32_t identity[LSS_IDENTITY_PARTS], const 
         return answer(IDENTIFY_ANSWER, 0, response);
     }
     if (bit > 31U || part >= LSS_IDENTITY_PARTS || next >= LSS_IDENTITY_PARTS ||
-        part != lss->scanned || ((identity[part] ^ get_u32(&data[1])) >> bit) != 0U) {
+        part != lss->scanned || ((identity[part] ^ little_endian_u32(&data[1])) >> bit) != 0U) {
         return LSS_SILENT;
     }
     if (bit == 0U) {
@@ -113,7 +108,7 @@ static lss_action_t wait(const uint32_t identity[LSS_IDENTITY_PARTS], uint8_t no
     if (data[0] >= SWITCH_SELECTIVE_FIRST &&
         data[0] < SWITCH_SELECTIVE_FIRST + LSS_IDENTITY_PARTS) {
         return switch_selective(identity, (uint8_t)(data[0] - SWITCH_SELECTIVE_FIRST),
-                                get_u32(&data[1]), lss, response);
+                                little_endian_u32(&data[1]), lss, response);
     }
     if (node_id == LSS_UNCONFIGURED && data[0] == FASTSCAN) {
         return fastscan(identity, data, lss, response);

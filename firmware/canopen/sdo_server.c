@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "canopen/node_time.h"
+#include "od/little_endian.h"
 
 /* Command specifiers, bits 7..5 of the first byte. */
 #define CLIENT_DOWNLOAD_SEGMENT 0U
@@ -21,18 +22,6 @@
 #define LAST_SEGMENT 0x01U
 #define SEGMENT_BYTES 7U
 
-static void put_u32(uint32_t value, uint8_t *data) {
-    data[0] = (uint8_t)value;
-    data[1] = (uint8_t)(value >> 8);
-    data[2] = (uint8_t)(value >> 16);
-    data[3] = (uint8_t)(value >> 24);
-}
-
-static uint32_t get_u32(const uint8_t *data) {
-    return (uint32_t)data[0] | ((uint32_t)data[1] << 8) | ((uint32_t)data[2] << 16) |
-           ((uint32_t)data[3] << 24);
-}
-
 static void begin_response(const object_dictionary_t *od, uint8_t command, can_frame_t *response) {
     memset(response, 0, sizeof *response);
     response->id = (uint16_t)od->sdo_server_parameter_cob_id_server_to_client;
@@ -41,8 +30,7 @@ static void begin_response(const object_dictionary_t *od, uint8_t command, can_f
 }
 
 static void put_multiplexer(uint16_t index, uint8_t subindex, can_frame_t *response) {
-    response->data[1] = (uint8_t)index;
-    response->data[2] = (uint8_t)(index >> 8);
+    little_endian_put_u16(index, &response->data[1]);
     response->data[3] = subindex;
 }
 
@@ -50,7 +38,7 @@ static void abort_transfer(const object_dictionary_t *od, uint16_t index, uint8_
                            sdo_abort_t code, sdo_server_t *server, can_frame_t *response) {
     begin_response(od, ABORT, response);
     put_multiplexer(index, subindex, response);
-    put_u32((uint32_t)code, &response->data[4]);
+    little_endian_put_u32((uint32_t)code, &response->data[4]);
     server->state = SDO_IDLE;
 }
 
@@ -73,7 +61,7 @@ static sdo_abort_t store(const sdo_target_t *target, const od_entry_t *entry, ui
 
 /** Low bytes of the value that belong to the entry. */
 static uint32_t value_of(const od_entry_t *entry, const uint8_t *data) {
-    const uint32_t value = get_u32(data);
+    const uint32_t value = little_endian_u32(data);
     const size_t size = od_size(entry);
     return size == 4U ? value : value & (((uint32_t)1U << (8U * size)) - 1U);
 }
@@ -92,7 +80,7 @@ static sdo_abort_t download_initiate(const sdo_target_t *target, const can_frame
                                       : store(target, entry, value_of(entry, &request->data[4]));
     }
     if (sized) {
-        const sdo_abort_t code = check_size(entry, get_u32(&request->data[4]));
+        const sdo_abort_t code = check_size(entry, little_endian_u32(&request->data[4]));
         if (code != SDO_ABORT_NONE) {
             return code;
         }
@@ -114,10 +102,11 @@ static sdo_abort_t upload_initiate(const sdo_target_t *target, const od_entry_t 
     if (size != 0U) {
         response->data[0] =
             (uint8_t)(SERVER_UPLOAD_INITIATE | ((4U - size) << 2) | EXPEDITED | SIZE_INDICATED);
-        put_u32(od_read(target->od, entry), &response->data[4]);
+        little_endian_put_u32(od_read(target->od, entry), &response->data[4]);
     } else {
         response->data[0] = SERVER_UPLOAD_INITIATE | SIZE_INDICATED;
-        put_u32((uint32_t)strlen(od_read_string(target->od, entry)), &response->data[4]);
+        little_endian_put_u32((uint32_t)strlen(od_read_string(target->od, entry)),
+                              &response->data[4]);
         server->state = SDO_UPLOAD;
     }
     return SDO_ABORT_NONE;
@@ -125,7 +114,7 @@ static sdo_abort_t upload_initiate(const sdo_target_t *target, const od_entry_t 
 
 static void initiate(const sdo_target_t *target, const can_frame_t *request, sdo_server_t *server,
                      can_frame_t *response) {
-    const uint16_t index = (uint16_t)(request->data[1] | (request->data[2] << 8));
+    const uint16_t index = little_endian_u16(&request->data[1]);
     const uint8_t subindex = request->data[3];
     const bool download = request->data[0] >> 5 == CLIENT_DOWNLOAD_INITIATE;
     const od_entry_t *entry = NULL;
@@ -230,8 +219,8 @@ bool sdo_server_receive(const sdo_target_t *target, const can_frame_t *request,
         server->state = SDO_IDLE;
         return false;
     default:
-        abort_transfer(target->od, (uint16_t)(request->data[1] | (request->data[2] << 8)),
-                       request->data[3], SDO_ABORT_COMMAND_SPECIFIER, server, response);
+        abort_transfer(target->od, little_endian_u16(&request->data[1]), request->data[3],
+                       SDO_ABORT_COMMAND_SPECIFIER, server, response);
         return true;
     }
 }

@@ -99,6 +99,12 @@ static inline torque_t torque_scaled(torque_t torque, angle_t numerator, angle_t
     return number_ratio(product < 0, number_size(product), (uint64_t)denominator);
 }
 
+/** slope * elapsed. elapsed_us 0..1000000 */
+static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_us) {
+    const uint64_t torque_nNm = (uint64_t)slope_mNm_s * elapsed_us; /* below 2^52 */
+    return number_ratio(false, torque_nNm << 7, 1953125U);          /* 2^16 / 10^9 */
+}
+
 /** torque * part / whole, with whole > 0; exactly torque where both are equal. */
 static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whole) {
     return number_ratio(torque < 0, number_size(torque) * part, whole);

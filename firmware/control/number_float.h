@@ -73,6 +73,11 @@ static inline torque_t torque_scaled(torque_t torque, angle_t numerator, angle_t
     return torque * (numerator / denominator);
 }
 
+/** slope * elapsed. elapsed_us 0..1000000 */
+static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_us) {
+    return (float)slope_mNm_s * (float)elapsed_us * 1e-9f;
+}
+
 /** torque * part / whole, with whole > 0; exactly torque where both are equal. */
 static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whole) {
     return torque * ((float)part / (float)whole);

@@ -3,8 +3,10 @@
 #include <string.h>
 
 #include "canopen/node_time.h"
+#include "control/derating.h"
 #include "node/node_drive.h"
 #include "node/node_objects.h"
+#include "od/little_endian.h"
 #include "od/od_access.h"
 
 #define FUNCTION_CODE 0x780U
@@ -40,20 +42,28 @@ static void power_on_values(const motor_node_config_t *config, uint8_t node_id,
                             object_dictionary_t *od) {
     uint8_t ignored = 0;
     object_dictionary_init(node_id, od);
-    od->identity_object_serial_number = config->serial_number;
+    if (config->memory != NULL && !parameter_store_load(config->memory, od, &ignored)) {
+        object_dictionary_init(node_id, od); /* never a part of the set */
+    }
     od->store_parameters_save_all_parameters = config->memory != NULL ? 1U : 0U;
-    if (config->memory != NULL) {
-        (void)parameter_store_load(config->memory, od, &ignored);
+    if (config->serial_number != 0U) {
+        od->identity_object_serial_number = config->serial_number;
+    }
+    if (config->software_version != NULL) {
+        od->manufacturer_software_version = config->software_version;
     }
 }
 
 static void reset_communication(const motor_node_config_t *config, motor_node_t *node) {
-    object_dictionary_t values;
-    const uint8_t error_register = node->od.error_register; /* a fault outlasts this reset */
     node->node_id = node->lss.pending_node_id;
-    power_on_values(config, node->node_id, &values);
-    od_copy_communication(&values, &node->od);
-    node->od.error_register = error_register;
+    power_on_values(config, node->node_id, &node->power_on);
+    /* A fault and the history of errors outlast this reset. */
+    node->power_on.error_register = node->od.error_register;
+    node->power_on.pre_defined_error_field_number_of_errors =
+        node->od.pre_defined_error_field_number_of_errors;
+    memcpy(node->power_on.pre_defined_error_field, node->od.pre_defined_error_field,
+           sizeof node->od.pre_defined_error_field);
+    od_copy_communication(&node->power_on, &node->od);
     lss_init(node->node_id, &node->lss);
 
     node->nmt = NMT_PRE_OPERATIONAL;
@@ -66,23 +76,55 @@ static void reset_communication(const motor_node_config_t *config, motor_node_t 
     memset(&node->to_send, 0, sizeof node->to_send);
 }
 
+static void show_crash(const crash_record_t *crash, object_dictionary_t *od) {
+    od->crash_record_cause = (uint8_t)crash->cause;
+    od->crash_record_program_counter = crash->program_counter;
+    od->crash_record_link_register = crash->link_register;
+    od->crash_record_program_status = crash->program_status;
+    od->crash_record_fault_status = crash->fault_status;
+    od->crash_record_hard_fault_status = crash->hard_fault_status;
+    od->crash_record_fault_address = crash->fault_address;
+    od->crash_record_resets = crash->count;
+}
+
 void motor_node_init(const motor_node_config_t *config, motor_node_t *node) {
     memset(node, 0, sizeof *node);
     node->memory = config->memory;
     node->stored_node_id = config->node_id;
-    if (config->memory != NULL) {
+    if (config->memory != NULL && !config->node_id_by_switch) {
         (void)parameter_store_load(config->memory, &node->od, &node->stored_node_id);
     }
     power_on_values(config, node->stored_node_id, &node->od);
+    node->od.sensor_source = config->sensor_source;
+    node->od.time_base = config->time_base;
     emcy_init(&node->emcy);
     lss_init(node->stored_node_id, &node->lss);
     reset_communication(config, node);
     drive_init(&node->drive);
-    node->referenced = config->referenced;
+    node->encoder_referenced = config->referenced;
+    node->referenced = config->referenced || config->sensor_source != 0U;
     node->clock_fallback = config->clock_fallback;
-    if (config->supervisor_reset) {
-        emcy_report(EMCY_SUPERVISOR_RESET, 0, 0, &node->od, &node->emcy);
+    node->image_damaged = config->image_damaged;
+    if (config->crash != NULL) {
+        show_crash(config->crash, &node->od);
     }
+    if (config->supervisor_reset) {
+        emcy_report(EMCY_SUPERVISOR_RESET, node->od.crash_record_cause,
+                    (int32_t)node->od.crash_record_program_counter, &node->od, &node->emcy);
+    }
+    if (config->image_damaged) {
+        emcy_raise(EMCY_SUPERVISOR_RESET, CRASH_IMAGE, 0, &node->od, &node->emcy);
+    }
+    if (config->memory != NULL && parameter_store_damaged(config->memory)) {
+        emcy_report(EMCY_PARAMETERS_LOST, 0, 0, &node->od, &node->emcy);
+    }
+}
+
+void motor_node_restart(motor_node_config_t *config, motor_node_t *node) {
+    config->supervisor_reset = false; /* reported once */
+    config->sensor_source = node->od.sensor_source;
+    config->time_base = node->od.time_base;
+    motor_node_init(config, node);
 }
 
 static void send(const can_frame_t *frame, motor_node_t *node) {
@@ -249,9 +291,9 @@ static void receive_sdo(const can_frame_t *frame, motor_node_t *node) {
 }
 
 static void receive_emergency(const can_frame_t *frame, motor_node_t *node) {
-    const int32_t code = frame->data[0] | (frame->data[1] << 8);
+    const uint16_t code = little_endian_u16(frame->data);
     for (size_t i = 0; i < sizeof node->od.emergency_consumer_object / sizeof(uint32_t); i++) {
-        if (node->od.emergency_consumer_object[i] == frame->id && frame->len >= 2U && code != 0 &&
+        if (node->od.emergency_consumer_object[i] == frame->id && frame->len >= 2U && code != 0U &&
             drive_has_output(&node->drive)) {
             node_drive_fault(EMCY_HEARTBEAT, (uint8_t)(frame->id & NODE_ID), code, true, node);
         }
@@ -406,6 +448,7 @@ static bool receive_all(const motor_node_config_t *config, const motor_node_inpu
     const size_t count =
         input->frame_count < MOTOR_NODE_RX_MAX ? input->frame_count : MOTOR_NODE_RX_MAX;
     node_count(&node->od.counters_frames_not_read, (uint32_t)(input->frame_count - count));
+    node_count(&node->od.counters_frames_not_read, input->frames_lost);
     /* cppcheck-suppress knownConditionTrueFalse ; it takes a count of 0 for the only one */
     for (size_t i = 0; i < count && !node->reset_requested; i++) {
         sync = receive(config, &input->frames[i], node) || sync;
@@ -425,14 +468,15 @@ static void follow_bus(bool bus_off, motor_node_t *node) {
     node->bus_off = bus_off;
 }
 
+/** Injected sensors have no motor, so no current either. */
 static void sample_current(const motor_node_input_t *input, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
+    const uint32_t current_mA = od->sensor_source != 0U ? 0U : input->current_mA;
     const uint64_t rated_mA = od->motor_rated_current == 0U ? 1U : od->motor_rated_current;
-    uint64_t thousandths = (uint64_t)input->current_mA * 1000U / rated_mA;
-    node->current_mA = input->current_mA;
-    node->mean_square_mA2 =
-        derating_mean_square(node->mean_square_mA2, input->current_mA,
-                             od->derating_current_time_ms * 1000U, input->elapsed_us);
+    uint64_t thousandths = (uint64_t)current_mA * 1000U / rated_mA;
+    node->current_mA = current_mA;
+    node->mean_square_mA2 = derating_mean_square(
+        node->mean_square_mA2, current_mA, od->derating_current_time_ms * 1000U, input->elapsed_us);
     if (thousandths > (uint64_t)INT16_MAX) {
         thousandths = (uint64_t)INT16_MAX;
     }
@@ -453,9 +497,7 @@ static void sample_sensors(const motor_node_input_t *input, motor_node_t *node) 
     node->index_encoder_inc = injected ? encoder : input->index_position_inc;
     node_drive_supervise_encoder(encoder, input->elapsed_us, node);
     const int64_t position = (int64_t)encoder + node->offset_inc;
-    od->position_actual_value = position > INT32_MAX   ? INT32_MAX
-                                : position < INT32_MIN ? INT32_MIN
-                                                       : (int32_t)position;
+    od->position_actual_value = node_drive_position(position);
     od->motor_temperature = input->temperature_dC;
     if (injected) {
         od->motor_temperature = od->injected_sensors_temperature;

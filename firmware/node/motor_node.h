@@ -30,7 +30,7 @@
 #include "cia402/homing.h"
 #include "control/joint_controller.h"
 #include "control/torque_guard.h"
-#include "node/derating.h"
+#include "node/crash_record.h"
 #include "node/parameter_store.h"
 #include "od/object_dictionary.h"
 
@@ -42,11 +42,18 @@
 /** What distinguishes one device from another: set once by the port, before motor_node_init. */
 typedef struct {
     uint8_t node_id;        /**< at power-on unless one is stored: 1..127, or LSS_UNCONFIGURED */
-    uint32_t serial_number; /**< 1018h:04, unique */
+    bool node_id_by_switch; /**< node_id is not to be replaced by a stored one */
+    uint32_t serial_number; /**< 1018h:04, unique; 0: the one that is stored */
     bool referenced;        /**< the encoder's zero is known (absolute or stored reference) */
     bool supervisor_reset;  /**< the watchdog or a failed self-check has brought this power-on */
-    bool clock_fallback;    /**< on the internal oscillator: enabling is refused */
+    bool image_damaged;     /**< the image's checksum is wrong: enabling is refused */
+    bool clock_fallback; /**< on the internal oscillator: enabling is refused while node time comes
+                              from it (2F01h = 0) */
     const parameter_memory_t *memory; /**< NULL: 1010h and LSS store are refused */
+    const crash_record_t *crash;      /**< of the reset before; NULL: none is kept */
+    const char *software_version;     /**< 100Ah; NULL: version and protocol hash */
+    uint8_t sensor_source;            /**< 2F00h at the begin: 0 at power-on */
+    uint8_t time_base;                /**< 2F01h at the begin: 0 at power-on */
 } motor_node_config_t;
 
 typedef struct {
@@ -59,13 +66,13 @@ typedef struct {
     int32_t index_position_inc; /**< of the encoder, captured at the pulse */
     const can_frame_t *frames;  /**< in order of arrival; may be NULL when frame_count is 0 */
     size_t frame_count;         /**< 0..MOTOR_NODE_RX_MAX */
+    uint32_t frames_lost;       /**< by the port since the last step; counted in 2201h:08 */
 } motor_node_input_t;
 
 typedef struct {
     int16_t torque_mNm;   /**< set value for the motor, 0 unless output_enabled */
     bool output_enabled;  /**< power stage on */
-    bool reset_requested; /**< NMT reset node: the port calls motor_node_init again, as a power
-                             cycle */
+    bool reset_requested; /**< NMT reset node: the port calls motor_node_restart */
     size_t frame_count;
     can_frame_t frames[MOTOR_NODE_TX_MAX]; /**< to send, in this order */
 } motor_node_output_t;
@@ -77,7 +84,9 @@ typedef struct {
 #define LIMIT_REASON_NO_POSITION 0x0800U    /**< injected sensors without an RPDO4 */
 #define LIMIT_REASON_MODE 0x1000U           /**< no mode, or one that the drive does not have */
 #define LIMIT_REASON_CONFIGURATION 0x2000U  /**< q_a <= q_p <= q_b does not hold */
-#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator */
+#define LIMIT_REASON_CLOCK 0x8000U          /**< internal oscillator, free-running */
+/** The 16 bits are taken; emergency 6010h tells a damaged image from the oscillator. */
+#define LIMIT_REASON_IMAGE LIMIT_REASON_CLOCK
 
 /** Modes of operation (6060h). */
 #define MODE_FRACTAL_IMPEDANCE (-1)
@@ -88,6 +97,7 @@ typedef struct {
 /** Read it in tests and simulators; only the functions below change it. */
 typedef struct {
     object_dictionary_t od;
+    object_dictionary_t power_on; /**< workspace of a reset: too large for the stack */
     const parameter_memory_t *memory;
 
     uint8_t node_id;        /**< in use: 1..127, or LSS_UNCONFIGURED */
@@ -115,6 +125,7 @@ typedef struct {
     uint32_t since_command_us;
 
     bool referenced;
+    bool encoder_referenced; /**< without homing: an absolute encoder */
     bool position_known;
     uint32_t since_position_us; /**< since the newest RPDO4 */
     int32_t offset_inc;         /**< position = encoder + offset, from homing */
@@ -131,8 +142,10 @@ typedef struct {
     uint32_t speed_ppm; /**< of 6080h, in that interval */
     bool bus_off;
     bool clock_fallback;
+    bool image_damaged;
     uint32_t current_mA;
     uint64_t mean_square_mA2;
+    uint32_t load_ppm; /**< of it, in the last interval of the speed; see derating.h */
     bool outside_limits;
     int32_t speed_from_inc; /**< begin of the interval over which speed is measured */
     uint32_t speed_since_us;
@@ -144,13 +157,18 @@ typedef struct {
     bool hold;    /**< Q_d is to be held at this tick's position */
     bool holding;
     uint16_t refusals;
-    uint32_t ramp_ppm; /**< output bound / TA */
+    uint32_t ramp_ppm;  /**< output bound / TA */
+    torque_t torque_Nm; /**< output of the step before, not rounded */
     joint_controller_config_t control;
     joint_controller_t controller;
 } motor_node_t;
 
 /** Power-on: defaults, boot-up message with the first step, pre-operational, switch on disabled. */
 void motor_node_init(const motor_node_config_t *config, motor_node_t *node);
+
+/** NMT reset node: as a power cycle, but for what belongs to the bench and not to the device, which
+ * it keeps: the sensor source and the time base in which the rig steps it. */
+void motor_node_restart(motor_node_config_t *config, motor_node_t *node);
 
 /** One joint tick. */
 void motor_node_step(const motor_node_config_t *config, motor_node_t *node,

@@ -1,6 +1,7 @@
 #include "node/node_drive.h"
 
 #include "canopen/node_time.h"
+#include "control/derating.h"
 
 #define WAY_UNIT 60000000U /* revolutions per minute x us */
 
@@ -75,6 +76,12 @@ static homing_config_t homing_of(const object_dictionary_t *od) {
     return config;
 }
 
+int32_t node_drive_position(int64_t position_inc) {
+    return position_inc > INT32_MAX   ? INT32_MAX
+           : position_inc < INT32_MIN ? INT32_MIN
+                                      : (int32_t)position_inc;
+}
+
 static uint64_t distance(int32_t a, int32_t b) {
     const int64_t difference = (int64_t)a - b;
     return (uint64_t)(difference < 0 ? -difference : difference);
@@ -103,7 +110,10 @@ static uint16_t refusals(int8_t mode, const motor_node_t *node) {
     if (!node->position_known) {
         reasons |= LIMIT_REASON_NO_POSITION;
     }
-    if (node->clock_fallback) {
+    if (node->image_damaged) {
+        reasons |= LIMIT_REASON_IMAGE;
+    }
+    if (node->clock_fallback && od->time_base == 0U) {
         reasons |= LIMIT_REASON_CLOCK;
     }
     if (mode != MODE_HOMING && (node->nmt != NMT_OPERATIONAL || !has_fresh_command(node))) {
@@ -173,15 +183,15 @@ static void halt(motor_node_t *node) {
 static void set_home(int32_t encoder_inc, motor_node_t *node) {
     object_dictionary_t *od = &node->od;
     const int64_t offset = (int64_t)od->home_offset - encoder_inc;
-    const int64_t shift = offset - node->offset_inc;
-    const int64_t position = od->position_actual_value + shift;
+    const int64_t position = node->encoder_inc + offset;
     if (offset < INT32_MIN || offset > INT32_MAX || position < INT32_MIN || position > INT32_MAX) {
         node->homing.phase = HOMING_FAILED;
         return;
     }
+    const int64_t shift = offset - node->offset_inc;
     node->offset_inc = (int32_t)offset;
     od->position_actual_value = (int32_t)position;
-    node->speed_from_inc = (int32_t)(node->speed_from_inc + shift);
+    node->speed_from_inc = node_drive_position(node->speed_from_inc + shift);
     node->referenced = true;
 }
 
@@ -191,7 +201,7 @@ static void command_homing(bool wants, bool wanted, motor_node_t *node) {
     if (wants && !wanted && !node->halted) {
         homing_start(&config, node->od.position_actual_value, &node->homing);
         if (node->homing.phase == HOMING_ATTAINED) {
-            set_home(node->od.position_actual_value - node->offset_inc, node);
+            set_home(node->encoder_inc, node);
         } else {
             node->referenced = false;
             node->index_referenced = false;
@@ -347,8 +357,9 @@ static void supervise_speed(uint32_t elapsed_us, motor_node_t *node) {
     } else if (position < node->speed_from_inc) {
         node->moving = -1;
     }
-    const uint64_t speed_ppm = moved * WAY_UNIT / (allowed / DERATING_FULL_ppm + 1U);
+    const uint64_t speed_ppm = moved * WAY_UNIT / (allowed / DERATING_WHOLE_ppm + 1U);
     node->speed_ppm = speed_ppm > UINT32_MAX ? UINT32_MAX : (uint32_t)speed_ppm;
+    node->load_ppm = derating_load(node->mean_square_mA2, od->motor_rated_current);
     node->speed_from_inc = od->position_actual_value;
     node->speed_since_us = 0;
 }
@@ -457,6 +468,9 @@ static void ramp_bound(uint32_t elapsed_us, motor_node_t *node) {
     } else if (node->restart) {
         /* the first tick after enabling: still zero */
     } else if (drive_wants_output(&node->drive) && !node->halted) {
+        if (node->ramp_ppm == TORQUE_GUARD_RAMP_FULL) {
+            return;
+        }
         const uint32_t step = elapsed_us * 1000U / od->output_bound_ramp_up_ms;
         const uint32_t rest = TORQUE_GUARD_RAMP_FULL - node->ramp_ppm;
         node->ramp_ppm += step < rest ? step : rest;
@@ -500,21 +514,37 @@ static joint_controller_output_t ask(uint32_t elapsed_us, motor_node_t *node) {
     return asked;
 }
 
-static derating_output_t derate(torque_t torque_Nm, const motor_node_t *node) {
+/** What of this torque goes to the motor. In mode -1 the law itself jumps: no slope. */
+static torque_guard_output_t guard(const joint_controller_output_t *asked, uint32_t elapsed_us,
+                                   const motor_node_t *node) {
     const object_dictionary_t *od = &node->od;
-    const int16_t torque_mNm = torque_to_mNm(torque_Nm);
-    const derating_input_t input = {
-        .temperature_dC = od->motor_temperature,
-        .temperature_begin_dC = od->derating_temperature_begin_dC,
-        .temperature_end_dC = od->derating_temperature_fault_dC,
-        .mean_square_mA2 = node->mean_square_mA2,
-        .rated_current_mA = od->motor_rated_current,
-        .speed_ppm = node->speed_ppm,
-        .speed_begin_ppm = od->derating_speed_begin_percent * 10000U,
-        .torque_accelerates =
-            (torque_mNm > 0 && node->moving > 0) || (torque_mNm < 0 && node->moving < 0),
+    const bool fractal = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE;
+    const torque_guard_input_t input = {
+        .torque_Nm = asked->torque_Nm,
+        .torque_before_Nm = node->torque_Nm,
+        .elapsed_us = elapsed_us,
+        .slope_mNm_s = fractal ? TORQUE_GUARD_SLOPE_OFF : od->torque_slope,
+        .torque_limit_Nm = node->control.torque_limit_Nm,
+        .ramp_ppm = node->ramp_ppm,
+        .torque_max_Nm = asked->torque_max_Nm,
+        .f_max_Nm = asked->f_max_Nm,
+        .position_inc = od->position_actual_value,
+        .position_min_inc =
+            node->referenced ? od->software_position_limit_min_position_limit : INT32_MIN,
+        .position_max_inc =
+            node->referenced ? od->software_position_limit_max_position_limit : INT32_MAX,
+        .moving = node->moving,
+        .motor =
+            {
+                .temperature_dC = od->motor_temperature,
+                .temperature_begin_dC = od->derating_temperature_begin_dC,
+                .temperature_end_dC = od->derating_temperature_fault_dC,
+                .load_ppm = node->load_ppm,
+                .speed_ppm = node->speed_ppm,
+                .speed_begin_ppm = od->derating_speed_begin_percent * 10000U,
+            },
     };
-    return derating(&input);
+    return torque_guard(&input);
 }
 
 static uint16_t status_of(bool close, const motor_node_t *node) {
@@ -545,27 +575,13 @@ void node_drive_tick(uint32_t elapsed_us, motor_node_t *node) {
     start_or_hold(node);
     if (drive_has_output(&node->drive)) {
         const joint_controller_output_t asked = ask(elapsed_us, node);
-        const derating_output_t derated = derate(asked.torque_Nm, node);
-        const torque_guard_input_t guard = {
-            .torque_Nm = asked.torque_Nm,
-            .torque_limit_Nm =
-                torque_part(node->control.torque_limit_Nm, derated.share_ppm, DERATING_FULL_ppm),
-            .ramp_ppm = node->ramp_ppm,
-            .torque_max_Nm = asked.torque_max_Nm,
-            .f_max_Nm = asked.f_max_Nm,
-            .position_inc = od->position_actual_value,
-            .position_min_inc =
-                node->referenced ? od->software_position_limit_min_position_limit : INT32_MIN,
-            .position_max_inc =
-                node->referenced ? od->software_position_limit_max_position_limit : INT32_MAX,
-        };
-        guarded = torque_guard(&guard);
-        guarded.reasons |= derated.reasons;
+        guarded = guard(&asked, elapsed_us, node);
         guarded.reasons |= asked.limited ? LIMIT_REASON_TORQUE_LIMIT : 0U;
         guarded.reasons |= node->halted ? LIMIT_REASON_HALT : 0U;
         close = od->modes_of_operation_display == MODE_FRACTAL_IMPEDANCE &&
                 angle_abs(asked.error_rad) <= node->control.q_a_rad;
     }
+    node->torque_Nm = guarded.torque_Nm;
     od->torque_actual_value = guarded.torque_mNm;
     od->limit_reasons = guarded.reasons | node->refusals;
     od->statusword = status_of(close, node);

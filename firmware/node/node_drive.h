@@ -24,6 +24,9 @@ void node_drive_fault(emcy_code_t code, uint8_t source, int32_t detail, bool ram
 /** NMT has left operational: what 6007h says. */
 void node_drive_connection_lost(motor_node_t *node);
 
+/** A position, saturated at the ends of its range. */
+int32_t node_drive_position(int64_t position_inc);
+
 /** Takes in the encoder's count of this step; a jump, a stuck encoder or an index pulse out of its
  * place switches the torque off. */
 void node_drive_supervise_encoder(int32_t encoder_inc, uint32_t elapsed_us, motor_node_t *node);

@@ -115,8 +115,14 @@ static sdo_abort_t write(void *device, const od_entry_t *entry, uint32_t value) 
     case OD_CONSUMER_HEARTBEAT_TIME:
         node->heartbeat_consumer.entries[entry->subindex - 1U].watching = false;
         break;
-    case OD_SENSOR_SOURCE:
+    case OD_SENSOR_SOURCE: /* an injected position is absolute; homing was for the encoder before */
         node->position_known = false;
+        if (value != od->sensor_source) {
+            node->referenced = value != 0U || node->encoder_referenced;
+            node->index_referenced = false;
+            node->offset_inc = 0;
+            node->mean_square_mA2 = 0;
+        }
         break;
     case OD_CONTROLWORD:
         node_drive_controlword((uint16_t)value, node);

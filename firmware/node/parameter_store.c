@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "node/crc32.h"
+#include "od/little_endian.h"
 #include "od/od_access.h"
 
 /*
@@ -14,8 +16,11 @@
 #define CRC_BYTES 4U
 #define RECORDS_MAX ((PARAMETER_STORE_COPY_BYTES - HEADER_BYTES - CRC_BYTES) / RECORD_BYTES)
 #define COPIES 2U
+#define ERASED 0xFFFFFFFFU
+#define SERIAL_NUMBER 4U /* sub-index of 1018h */
 
 typedef struct {
+    bool unreadable; /* the memory failed: what it holds is not known */
     bool whole;
     uint8_t node_id;
     uint16_t count;
@@ -29,33 +34,6 @@ typedef struct {
     uint32_t crc;
     bool ok;
 } writer_t;
-
-static void put_u32(uint32_t value, uint8_t *data) {
-    data[0] = (uint8_t)value;
-    data[1] = (uint8_t)(value >> 8);
-    data[2] = (uint8_t)(value >> 16);
-    data[3] = (uint8_t)(value >> 24);
-}
-
-static uint32_t get_u32(const uint8_t *data) {
-    return (uint32_t)data[0] | ((uint32_t)data[1] << 8) | ((uint32_t)data[2] << 16) |
-           ((uint32_t)data[3] << 24);
-}
-
-static uint16_t get_u16(const uint8_t *data) {
-    return (uint16_t)(data[0] | (data[1] << 8));
-}
-
-static uint32_t crc_of(const uint8_t *data, size_t size, uint32_t crc) {
-    uint32_t register_ = ~crc;
-    for (size_t i = 0; i < size; i++) {
-        register_ ^= data[i];
-        for (int bit = 0; bit < 8; bit++) {
-            register_ = (register_ >> 1) ^ ((register_ & 1U) != 0U ? 0xEDB88320U : 0U);
-        }
-    }
-    return ~register_;
-}
 
 bool parameter_store_has(const od_entry_t *entry) {
     switch (entry->index) {
@@ -71,6 +49,8 @@ bool parameter_store_has(const od_entry_t *entry) {
     case OD_TARGET_TORQUE:
     case OD_MAX_TORQUE:
         return false;
+    case OD_IDENTITY_OBJECT: /* the serial number is the device's, not of its configuration */
+        return entry->subindex == SERIAL_NUMBER;
     default:
         return entry->access == OD_RW;
     }
@@ -81,32 +61,48 @@ bool parameter_store_has(const od_entry_t *entry) {
 static copy_t inspect(const parameter_memory_t *memory, uint8_t number) {
     copy_t copy = {0};
     uint8_t data[HEADER_BYTES];
-    if (!memory->read(memory->context, number, 0, data, HEADER_BYTES) || get_u32(data) != MAGIC) {
+    copy.unreadable = !memory->read(memory->context, number, 0, data, HEADER_BYTES);
+    if (copy.unreadable || little_endian_u32(data) != MAGIC) {
         return copy;
     }
-    copy.sequence = get_u32(&data[4]);
-    copy.count = get_u16(&data[8]);
+    copy.sequence = little_endian_u32(&data[4]);
+    copy.count = little_endian_u16(&data[8]);
     copy.node_id = data[10];
     if (copy.count > RECORDS_MAX) {
         return copy;
     }
-    uint32_t crc = crc_of(data, HEADER_BYTES, 0);
+    uint32_t crc = crc32(data, HEADER_BYTES, 0);
     size_t offset = HEADER_BYTES;
     for (uint16_t i = 0; i < copy.count; i++) {
-        if (!memory->read(memory->context, number, offset, data, RECORD_BYTES)) {
+        copy.unreadable = !memory->read(memory->context, number, offset, data, RECORD_BYTES);
+        if (copy.unreadable) {
             return copy;
         }
-        crc = crc_of(data, RECORD_BYTES, crc);
+        crc = crc32(data, RECORD_BYTES, crc);
         offset += RECORD_BYTES;
     }
-    copy.whole =
-        memory->read(memory->context, number, offset, data, CRC_BYTES) && get_u32(data) == crc;
+    copy.unreadable = !memory->read(memory->context, number, offset, data, CRC_BYTES);
+    copy.whole = !copy.unreadable && little_endian_u32(data) == crc;
     return copy;
 }
 
-/** Number of the newest whole copy; COPIES when there is none. */
-static uint8_t newest(const parameter_memory_t *memory, copy_t *copy) {
+bool parameter_store_damaged(const parameter_memory_t *memory) {
+    bool blank = true;
+    for (uint8_t number = 0; number < COPIES; number++) {
+        uint8_t data[CRC_BYTES];
+        if (inspect(memory, number).whole) {
+            return false;
+        }
+        blank = blank && memory->read(memory->context, number, 0, data, CRC_BYTES) &&
+                (little_endian_u32(data) == ERASED || little_endian_u32(data) == 0U);
+    }
+    return !blank;
+}
+
+/** Number of the newest whole copy; COPIES when there is none. *all_read: no copy is unreadable. */
+static uint8_t newest(const parameter_memory_t *memory, copy_t *copy, bool *all_read) {
     const copy_t copies[COPIES] = {inspect(memory, 0), inspect(memory, 1)};
+    *all_read = !copies[0].unreadable && !copies[1].unreadable;
     if (!copies[0].whole && !copies[1].whole) {
         memset(copy, 0, sizeof *copy);
         return COPIES;
@@ -119,8 +115,8 @@ static uint8_t newest(const parameter_memory_t *memory, copy_t *copy) {
 
 static void take(const uint8_t *record, object_dictionary_t *od) {
     const od_entry_t *entry = NULL;
-    const uint32_t value = get_u32(&record[4]);
-    if (od_find(get_u16(record), record[2], &entry) == SDO_ABORT_NONE &&
+    const uint32_t value = little_endian_u32(&record[4]);
+    if (od_find(little_endian_u16(record), record[2], &entry) == SDO_ABORT_NONE &&
         parameter_store_has(entry) && od_check_range(entry, value) == SDO_ABORT_NONE) {
         od_write(entry, value, od);
     }
@@ -130,8 +126,8 @@ bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t 
                           uint8_t *node_id) {
     copy_t copy;
     uint8_t record[RECORD_BYTES];
-    object_dictionary_t loaded = *od;
-    const uint8_t number = newest(memory, &copy);
+    bool all_read = false;
+    const uint8_t number = newest(memory, &copy, &all_read);
     if (number == COPIES) {
         return false;
     }
@@ -140,9 +136,8 @@ bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t 
                           RECORD_BYTES)) {
             return false; /* a part of the set would be a mixture */
         }
-        take(record, &loaded);
+        take(record, od);
     }
-    *od = loaded;
     *node_id = copy.node_id;
     return true;
 }
@@ -153,17 +148,24 @@ static void put(const uint8_t *data, size_t size, writer_t *writer) {
     const parameter_memory_t *memory = writer->memory;
     writer->ok =
         writer->ok && memory->write(memory->context, writer->copy, writer->offset, data, size);
-    writer->crc = crc_of(data, size, writer->crc);
+    writer->crc = crc32(data, size, writer->crc);
     writer->offset += size;
 }
 
-static void put_values(const object_dictionary_t *od, writer_t *writer) {
+/** Does a save of this source write the entry? The serial number stays in any case. */
+static bool writes(parameter_source_t source, const od_entry_t *entry) {
+    return parameter_store_has(entry) &&
+           (source == PARAMETER_STORE_VALUES || entry->index == OD_IDENTITY_OBJECT);
+}
+
+static void put_values(parameter_source_t source, const object_dictionary_t *od, writer_t *writer) {
     for (size_t i = 0; i < OD_ENTRY_COUNT; i++) {
         const od_entry_t *entry = &object_dictionary_entries[i];
-        if (parameter_store_has(entry)) {
-            uint8_t record[RECORD_BYTES] = {(uint8_t)entry->index, (uint8_t)(entry->index >> 8),
-                                            entry->subindex};
-            put_u32(od_read(od, entry), &record[4]);
+        if (writes(source, entry)) {
+            uint8_t record[RECORD_BYTES] = {0};
+            little_endian_put_u16(entry->index, record);
+            record[2] = entry->subindex;
+            little_endian_put_u32(od_read(od, entry), &record[4]);
             put(record, RECORD_BYTES, writer);
         }
     }
@@ -182,10 +184,10 @@ static void put_kept(uint8_t from, uint16_t count, writer_t *writer) {
     }
 }
 
-static uint16_t values(void) {
+static uint16_t values(parameter_source_t source) {
     uint16_t count = 0;
     for (size_t i = 0; i < OD_ENTRY_COUNT; i++) {
-        count = (uint16_t)(count + (parameter_store_has(&object_dictionary_entries[i]) ? 1U : 0U));
+        count = (uint16_t)(count + (writes(source, &object_dictionary_entries[i]) ? 1U : 0U));
     }
     return count;
 }
@@ -193,29 +195,26 @@ static uint16_t values(void) {
 bool parameter_store_save(const parameter_memory_t *memory, parameter_source_t source,
                           const object_dictionary_t *od, uint8_t node_id) {
     copy_t before;
-    const uint8_t from = newest(memory, &before);
-    const uint16_t count = source == PARAMETER_STORE_VALUES ? values()
-                           : source == PARAMETER_STORE_KEPT ? before.count
-                                                            : 0U;
+    bool all_read = false;
+    const uint8_t from = newest(memory, &before, &all_read);
+    const uint16_t count = source == PARAMETER_STORE_KEPT ? before.count : values(source);
     writer_t writer = {.memory = memory, .copy = from == 0U ? 1U : 0U};
     uint8_t header[HEADER_BYTES] = {0};
     uint8_t crc[CRC_BYTES];
-    put_u32(MAGIC, header);
-    put_u32(before.sequence + 1U, &header[4]);
-    header[8] = (uint8_t)count;
-    header[9] = (uint8_t)(count >> 8);
+    little_endian_put_u32(MAGIC, header);
+    little_endian_put_u32(before.sequence + 1U, &header[4]);
+    little_endian_put_u16(count, &header[8]);
     header[10] = node_id;
 
-    writer.ok = count <= RECORDS_MAX && memory->erase(memory->context, writer.copy);
+    /* A copy that cannot be read may be the newest one, or the only one. */
+    writer.ok = all_read && count <= RECORDS_MAX && memory->erase(memory->context, writer.copy);
     put(header, HEADER_BYTES, &writer);
-    if (source == PARAMETER_STORE_VALUES) {
-        put_values(od, &writer);
-    } else if (source == PARAMETER_STORE_KEPT) {
+    if (source == PARAMETER_STORE_KEPT) {
         put_kept(from, count, &writer);
     } else {
-        /* defaults: no records */
+        put_values(source, od, &writer);
     }
-    put_u32(writer.crc, crc);
+    little_endian_put_u32(writer.crc, crc);
     put(crc, CRC_BYTES, &writer);
     return writer.ok;
 }

@@ -21,7 +21,7 @@
 /**
  * Non-volatile memory, provided by the port. copy: 0 or 1; offset + size <=
  * PARAMETER_STORE_COPY_BYTES. Each byte is written once after an erase. All return false on
- * failure.
+ * failure; bytes never written are none: they read as any value, 0xFF where erased.
  */
 typedef struct {
     void *context;
@@ -30,22 +30,28 @@ typedef struct {
     bool (*write)(void *context, uint8_t copy, size_t offset, const uint8_t *data, size_t size);
 } parameter_memory_t;
 
-/** What a save writes as values; the node-id goes with each. */
+/** What a save writes as values; node-id and serial number go with each. */
 typedef enum {
     PARAMETER_STORE_VALUES,  /**< those of the object dictionary */
     PARAMETER_STORE_KEPT,    /**< those that are stored already */
-    PARAMETER_STORE_DEFAULTS /**< none: a load leaves the defaults */
+    PARAMETER_STORE_DEFAULTS /**< none but the serial number: a load leaves the defaults */
 } parameter_source_t;
 
 /** Is this entry part of the configuration that is stored? */
 bool parameter_store_has(const od_entry_t *entry);
 
-/** Sets the stored values and *node_id; false, and nothing changed, when no copy is whole or the
- * memory fails. */
+/** No copy is whole although the memory is not blank (erased, or zero as in an emulator): what was
+ * stored is lost. */
+bool parameter_store_damaged(const parameter_memory_t *memory);
+
+/** Sets the values of the newest whole copy that can be read, and *node_id. False when there is
+ * none or the memory fails on the way: od may then hold a part of them and is to be set anew;
+ * *node_id is as before. */
 bool parameter_store_load(const parameter_memory_t *memory, object_dictionary_t *od,
                           uint8_t *node_id);
 
-/** False when the memory failed; the set before is then still there. */
+/** False when the memory failed; the set before is then still there. Nothing is erased while a copy
+ * cannot be read: it might be that set. */
 bool parameter_store_save(const parameter_memory_t *memory, parameter_source_t source,
                           const object_dictionary_t *od, uint8_t node_id);
 

@@ -12,10 +12,12 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x332FB8A9U
-#define OD_PROTOCOL_HASH_TEXT "332fb8a9"
+#define OD_PROTOCOL_HASH 0x0E78D0B4U
+#define OD_PROTOCOL_HASH_TEXT "0e78d0b4"
+/** Without that hash. */
+#define OD_SOFTWARE_VERSION "0.1.0"
 
-#define OD_ENTRY_COUNT 167U
+#define OD_ENTRY_COUNT 184U
 
 #define OD_DEVICE_TYPE 0x1000U
 #define OD_ERROR_REGISTER 0x1001U
@@ -54,9 +56,11 @@
 #define OD_ENCODER_SUPERVISION 0x2103U
 #define OD_HOMING 0x2104U
 #define OD_DERATING 0x2105U
+#define OD_JOINT_HARDWARE 0x2106U
 #define OD_LIMIT_REASONS 0x2200U
 #define OD_COUNTERS 0x2201U
 #define OD_MOTOR_TEMPERATURE 0x2202U
+#define OD_CRASH_RECORD 0x2203U
 #define OD_SENSOR_SOURCE 0x2F00U
 #define OD_TIME_BASE 0x2F01U
 #define OD_INJECTED_SENSORS 0x2F02U
@@ -181,6 +185,13 @@ typedef struct {
     uint16_t derating_current_time_ms; /**< 2105h:03, ms */
     uint32_t derating_current_fault_mA; /**< 2105h:04, mA */
     uint8_t derating_speed_begin_percent; /**< 2105h:05, % */
+    uint16_t joint_hardware_full_scale_mNm; /**< 2106h:01, mN m */
+    int16_t joint_hardware_offset_centi_percent; /**< 2106h:02, 0.01 % */
+    uint16_t joint_hardware_current_zero_mV; /**< 2106h:03, mV */
+    uint16_t joint_hardware_current_mA_per_V; /**< 2106h:04, mA/V */
+    uint16_t joint_hardware_temperature_zero_mV; /**< 2106h:05, mV */
+    int16_t joint_hardware_temperature_uV_per_K; /**< 2106h:06, uV/K */
+    uint8_t joint_hardware_encoder_reversed; /**< 2106h:07 */
     uint16_t limit_reasons; /**< 2200h:00 */
     uint16_t counters_missed_sync; /**< 2201h:01 */
     uint16_t counters_duplicate_sync; /**< 2201h:02 */
@@ -192,6 +203,14 @@ typedef struct {
     uint16_t counters_frames_not_read; /**< 2201h:08 */
     uint16_t counters_frames_not_sent; /**< 2201h:09 */
     int16_t motor_temperature; /**< 2202h:00, 0.1 degC */
+    uint8_t crash_record_cause; /**< 2203h:01 */
+    uint32_t crash_record_program_counter; /**< 2203h:02 */
+    uint32_t crash_record_link_register; /**< 2203h:03 */
+    uint32_t crash_record_program_status; /**< 2203h:04 */
+    uint32_t crash_record_fault_status; /**< 2203h:05 */
+    uint32_t crash_record_hard_fault_status; /**< 2203h:06 */
+    uint32_t crash_record_fault_address; /**< 2203h:07 */
+    uint16_t crash_record_resets; /**< 2203h:08 */
     uint8_t sensor_source; /**< 2F00h:00 */
     uint8_t time_base; /**< 2F01h:00 */
     int32_t injected_sensors_position; /**< 2F02h:01, inc */

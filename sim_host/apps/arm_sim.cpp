@@ -2,13 +2,14 @@
 // waits for the torques of all nodes, advances.
 
 #include "apps/common_options.h"
-#include "host/pacer.h"
 #include "host/progress.h"
 #include "host/tick_clock.h"
 #include "hpmc_lcm/joint_torque_t.hpp"
 #include "link/can_bus.h"
 #include "link/injected_sensors.h"
 #include "link/lcm_link.h"
+#include "link/pacer.h"
+#include "link/realtime.h"
 #include "plant/arm_state_message.h"
 
 extern "C" {
@@ -24,6 +25,7 @@ struct Options {
     std::string can = "vcan0";
     std::string plant_url = kDefaultPlantUrl;
     bool realtime = false;
+    bool bridged = false;
     int stall_timeout_ms = 10000;
 };
 
@@ -32,11 +34,11 @@ class ArmProcess {
     ArmProcess(const Options &options, const RunConfig &config)
         : config_(config), schedule_(config), clock_{config.joint_ticks()}, plant_(config.plant),
           sensors_(config.joint.increments_per_revolution), sender_(options.plant_url),
-          pacer_(options.realtime),
+          realtime_(options.realtime), pacer_(kSyncPeriod_us * 1000, Pacer::WhenLate::catch_up),
           torque_{LcmReceiver(options.plant_url, "JOINT_TORQUE_1", options.stall_timeout_ms),
                   LcmReceiver(options.plant_url, "JOINT_TORQUE_2", options.stall_timeout_ms),
                   LcmReceiver(options.plant_url, "JOINT_TORQUE_3", options.stall_timeout_ms)} {
-        if (config.sensors == Sensors::injected) {
+        if (config.sensors == Sensors::injected && !options.bridged) {
             // TPDO1 of all nodes.
             bus_ = std::make_unique<CanBus>(options.can,
                                             std::vector<can_socket_filter_t>{{0x180, 0x780}});
@@ -48,7 +50,9 @@ class ArmProcess {
             config_.experiment.repetitions * schedule_.periods_per_repetition();
         try {
             for (std::int64_t period = 0; period < periods; ++period) {
-                pacer_.wait();
+                if (realtime_) {
+                    pacer_.wait();
+                }
                 step(period);
             }
         } catch (const StopRequested &) {
@@ -123,6 +127,7 @@ class ArmProcess {
     ArmPlant plant_;
     InjectedSensors sensors_;
     LcmSender sender_;
+    bool realtime_;
     Pacer pacer_;
     std::array<LcmReceiver, kNodes> torque_;
     std::unique_ptr<CanBus> bus_;
@@ -140,10 +145,15 @@ int main(int argc, char **argv) {
     app.add_option("--can", options.can, "CAN interface, used with injected sensors");
     app.add_option("--plant-url", options.plant_url);
     app.add_flag("--realtime", options.realtime, "hold simulated time back to the wall clock");
+    app.add_flag("--bridged", options.bridged,
+                 "bench_bridge injects the sensors and brings the torques");
     app.add_option("--stall-timeout-ms", options.stall_timeout_ms)->check(CLI::Range(100, 600000));
     return run_app("arm_sim", app, argc, argv, [&] {
         const RunConfig config = options.config.load();
         stop_signal_install(true);
+        if (options.bridged) {
+            become_realtime();
+        }
         ArmProcess(options, config).run();
         return 0;
     });

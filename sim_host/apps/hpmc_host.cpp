@@ -1,6 +1,7 @@
 // hpmc_host: the upper layers and the CANopen master as a process. Sees the arm through the nodes
 // and the wrench sensor only; HAND_WRENCH opens each SYNC period, BUS_CLOSED ends its commands.
 
+#include "apps/bench_host.h"
 #include "apps/common_options.h"
 #include "host/bus_account.h"
 #include "host/progress.h"
@@ -26,6 +27,7 @@ struct Options {
     std::string targets;
     LogLevel level = LogLevel::full;
     int stall_timeout_ms = 10000;
+    bool bench = false;
 };
 
 class HostProcess {
@@ -155,10 +157,18 @@ int main(int argc, char **argv) {
     app.add_option("--targets", options.targets,
                    "LCM event log: its targets from outside act again, at their time");
     add_log_level(app, options.level);
+    app.add_flag("--bench", options.bench, "SYNC by the wall clock, nothing waits for frames");
     app.add_option("--stall-timeout-ms", options.stall_timeout_ms)->check(CLI::Range(100, 600000));
     return run_app("hpmc_host", app, argc, argv, [&] {
         const RunConfig config = options.config.load();
         stop_signal_install(false);
+        if (options.bench) {
+            BenchHost host({options.can, options.plant_url, options.telemetry_url, options.level,
+                            options.stall_timeout_ms},
+                           config);
+            say_ready();
+            return host.run();
+        }
         HostProcess host(options, config);
         say_ready();
         return host.run();

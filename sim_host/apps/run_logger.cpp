@@ -3,16 +3,13 @@
 // it listens to is not slowed by it (the stock lcm-logger keeps only part of such a stream).
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
 #include <ctime>
 #include <malloc.h>
 #include <map>
-#include <sys/socket.h>
 
 #include "apps/common_options.h"
 #include "host/progress.h"
-#include "link/lcm_link.h"
+#include "link/lcm_batch_receiver.h"
 
 extern "C" {
 #include "port/posix/stop_signal.h"
@@ -23,7 +20,6 @@ using namespace hpmc;
 namespace {
 
 constexpr long kBatch_ns = 20000000;
-constexpr std::size_t kMessagesPerCall = 64;
 constexpr int kKeptBytes = 16 << 20;
 constexpr int kReceiveBufferBytes = 32 << 20;
 /// Messages wait so long, in run time, for earlier ones of other senders.
@@ -36,65 +32,18 @@ struct Options {
     LogLevel level = LogLevel::full;
 };
 
-std::int64_t big_endian_i64(const std::uint8_t *at) {
-    std::uint64_t value = 0;
-    for (int i = 0; i < 8; ++i) {
-        value = value << 8U | at[i];
-    }
-    return static_cast<std::int64_t>(value);
-}
-
 struct Message {
     std::int64_t utime;
     std::string channel;
     std::vector<std::uint8_t> payload;
 };
 
-class Socket {
-  public:
-    Socket(const std::string &url, const char *channel)
-        : datagrams_(std::make_unique<lcm_udp_message_t[]>(kMessagesPerCall)) {
-        const lcm_udp_address_t address = parse_lcm_url(url);
-        if (!lcm_udp_receiver_open(&receiver_, &address, channel, kReceiveBufferBytes)) {
-            throw LinkError("LCM " + url + ": " + std::strerror(errno));
-        }
-    }
-    ~Socket() { lcm_udp_receiver_close(&receiver_); }
-    Socket(const Socket &) = delete;
-    Socket &operator=(const Socket &) = delete;
-
-    /// Hands every waiting datagram to `take`.
-    template <class Take> void drain(Take &&take) {
-        std::array<iovec, kMessagesPerCall> parts{};
-        std::array<mmsghdr, kMessagesPerCall> headers{};
-        int n = 0;
-        do {
-            for (std::size_t i = 0; i < kMessagesPerCall; ++i) {
-                parts[i] = {datagrams_[i].datagram, sizeof datagrams_[i].datagram};
-                headers[i] = {};
-                headers[i].msg_hdr.msg_iov = &parts[i];
-                headers[i].msg_hdr.msg_iovlen = 1;
-            }
-            n = recvmmsg(receiver_.fd, headers.data(), kMessagesPerCall, MSG_DONTWAIT, nullptr);
-            for (int i = 0; i < n; ++i) {
-                lcm_udp_message_t &message = datagrams_[static_cast<std::size_t>(i)];
-                if (lcm_udp_take_apart(&message, headers[static_cast<std::size_t>(i)].msg_len)) {
-                    take(message);
-                }
-            }
-        } while (n == static_cast<int>(kMessagesPerCall));
-    }
-
-  private:
-    lcm_udp_receiver_t receiver_{};
-    std::unique_ptr<lcm_udp_message_t[]> datagrams_;
-};
-
 class Logger {
   public:
     explicit Logger(const Options &options)
-        : plant_(options.plant_url, options.level == LogLevel::states ? "ARM_STATE" : nullptr),
-          telemetry_(options.telemetry_url, nullptr), log_(options.log) {}
+        : plant_(options.plant_url, options.level == LogLevel::states ? "ARM_STATE" : nullptr,
+                 kReceiveBufferBytes),
+          telemetry_(options.telemetry_url, nullptr, kReceiveBufferBytes), log_(options.log) {}
 
     void run() {
         while (!stop_signal_raised()) {
@@ -147,8 +96,8 @@ class Logger {
         waiting_.erase(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(done));
     }
 
-    Socket plant_;
-    Socket telemetry_;
+    LcmBatchReceiver plant_;
+    LcmBatchReceiver telemetry_;
     LcmLogWriter log_;
     std::vector<Message> waiting_;
     std::map<std::string, std::int64_t> next_seq_;

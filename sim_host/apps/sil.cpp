@@ -2,8 +2,8 @@
 
 #include "apps/common_options.h"
 #include "apps/sil_rig.h"
-#include "host/pacer.h"
 #include "host/progress.h"
+#include "link/pacer.h"
 #include "port/posix/stop_signal.h"
 
 using namespace hpmc;
@@ -11,14 +11,16 @@ using namespace hpmc;
 namespace {
 
 int run(SilRig &rig, bool realtime) {
-    Pacer pacer(realtime);
+    Pacer pacer(kSyncPeriod_us * 1000, Pacer::WhenLate::catch_up);
     std::int64_t period = rig.first_period();
     bool going_on = true;
     while (going_on && period < rig.last_period()) {
         if (stop_signal_raised()) {
             rig.request_stop();
         }
-        pacer.wait();
+        if (realtime) {
+            pacer.wait();
+        }
         going_on = rig.step(period);
         say_progress(period, rig.schedule_point());
         ++period;
@@ -42,12 +44,27 @@ int run(SilRig &rig, bool realtime) {
     return going_on ? 0 : kExitRunEnded;
 }
 
+SilRig make_rig(const SilOptions &options, const RunConfig &config,
+                const std::vector<std::string> &nodes) {
+    if (nodes.empty()) {
+        return SilRig(options, config);
+    }
+    if (nodes.size() != kJoints) {
+        throw ConfigError("--node: one for each of the three nodes, or none");
+    }
+    if (config.sensors != Sensors::injected) {
+        throw ConfigError("--node: needs rig.sensors = injected");
+    }
+    return SilRig(options, config, emulated_nodes(nodes), "emulated");
+}
+
 } // namespace
 
 int main(int argc, char **argv) {
     CLI::App app{"The rig in one process."};
     ConfigOptions config_options;
     SilOptions options;
+    std::vector<std::string> nodes;
     config_options.add_to(app);
     app.add_option("--log", options.log, "LCM event log to write; none when left out");
     add_log_level(app, options.level);
@@ -61,10 +78,13 @@ int main(int argc, char **argv) {
                    "LCM event log: its targets from outside act again, at their time");
     bool realtime = false;
     app.add_flag("--realtime", realtime, "held to the wall clock");
+    app.add_option("--node", nodes,
+                   "node at the other end of a line, instead of one in this process: "
+                   "slcan:tcp:HOST:PORT or slcan:DEVICE; three times, in order");
     return run_app("sil", app, argc, argv, [&] {
         const RunConfig config = config_options.load();
         stop_signal_install(false);
-        SilRig rig(options, config);
+        SilRig rig = make_rig(options, config, nodes);
         return run(rig, realtime);
     });
 }

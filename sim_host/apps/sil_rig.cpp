@@ -1,6 +1,6 @@
 #include "apps/sil_rig.h"
 
-#include <algorithm>
+#include <utility>
 
 #include "hpmc_lcm/bus_closed_t.hpp"
 #include "hpmc_lcm/joint_torque_t.hpp"
@@ -17,14 +17,28 @@ constexpr std::array<const char *, kJoints> kTorqueChannels{"JOINT_TORQUE_1", "J
 
 } // namespace
 
-void SilRig::Node::step(const motor_node_input_t &input) {
-    motor_node_step(&config, &device, &input, &output);
-    if (output.reset_requested) {
-        motor_node_init(&config, &device);
+RigNodes native_nodes() {
+    RigNodes nodes;
+    for (std::size_t joint = 0; joint < kJoints; ++joint) {
+        nodes[joint] = std::make_unique<NativeNode>(static_cast<std::uint8_t>(joint + 1));
     }
+    return nodes;
+}
+
+RigNodes emulated_nodes(const std::vector<std::string> &addresses) {
+    RigNodes nodes;
+    for (std::size_t joint = 0; joint < kJoints; ++joint) {
+        nodes[joint] = std::make_unique<EmulatedNode>(static_cast<std::uint8_t>(joint + 1),
+                                                      addresses.at(joint));
+    }
+    return nodes;
 }
 
 SilRig::SilRig(const SilOptions &options, const RunConfig &config)
+    : SilRig(options, config, native_nodes(), "sil") {}
+
+SilRig::SilRig(const SilOptions &options, const RunConfig &config, RigNodes nodes,
+               const std::string &mode)
     : level_(options.level), config_(config), schedule_(config),
       first_period_(options.first_repetition * schedule_.periods_per_repetition()),
       last_period_(first_period_ +
@@ -32,8 +46,8 @@ SilRig::SilRig(const SilOptions &options, const RunConfig &config)
                        schedule_.periods_per_repetition()),
       clock_{config.joint_ticks()}, cycle_(config), plant_(config.plant),
       sensors_(config.joint.increments_per_revolution),
-      telemetry_(config, "sil", options.lcm_url.empty() ? options.level : LogLevel::full),
-      last_utime_(clock_.utime(first_period_, 0)) {
+      telemetry_(config, mode, options.lcm_url.empty() ? options.level : LogLevel::full),
+      nodes_(std::move(nodes)), last_utime_(clock_.utime(first_period_, 0)) {
     if (!options.log.empty()) {
         log_ = std::make_unique<LcmLogWriter>(options.log);
     }
@@ -43,14 +57,6 @@ SilRig::SilRig(const SilOptions &options, const RunConfig &config)
     if (!options.lcm_url.empty()) {
         live_ = std::make_unique<LcmSender>(options.lcm_url);
         inbox_of_targets_.listen(options.lcm_url);
-    }
-    for (std::size_t joint = 0; joint < kJoints; ++joint) {
-        const auto id = static_cast<std::uint8_t>(joint + 1);
-        motor_node_config_t &node = nodes_[joint].config;
-        node.node_id = id;
-        node.serial_number = id;
-        node.referenced = true;
-        motor_node_init(&nodes_[joint].config, &nodes_[joint].device);
     }
 }
 
@@ -95,23 +101,24 @@ void SilRig::step_nodes(std::int64_t period, std::int64_t tick, const ArmPlantSt
     const std::int64_t utime = clock_.utime(period, tick);
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         const auto at = static_cast<Eigen::Index>(joint);
-        Node &node = nodes_[joint];
-        motor_node_input_t input{};
-        input.elapsed_us = static_cast<std::uint32_t>(utime - last_utime_);
-        input.position_inc = encoder_model_increments(
-            state.q_rad[at], static_cast<std::uint32_t>(config_.joint.increments_per_revolution));
-        input.temperature_dC = kAmbient_dC;
-        input.frames = inbox_[joint].frames.data();
-        input.frame_count = tick == 0 ? inbox_[joint].count : 0;
-        node.step(input);
-        sent_.append(node.output.frames, node.output.frame_count);
-        frames_sent_[joint] += static_cast<std::int32_t>(node.output.frame_count);
+        nodes_[joint]->begin(
+            {static_cast<std::uint32_t>(utime - last_utime_),
+             encoder_model_increments(
+                 state.q_rad[at],
+                 static_cast<std::uint32_t>(config_.joint.increments_per_revolution)),
+             kAmbient_dC, inbox_[joint].frames.data(), tick == 0 ? inbox_[joint].count : 0});
+    }
+    for (std::size_t joint = 0; joint < kJoints; ++joint) {
+        const std::size_t sent_before = sent_.count + sent_.dropped;
+        nodes_[joint]->end(sent_);
+        const auto sent = static_cast<std::int32_t>(sent_.count + sent_.dropped - sent_before);
+        frames_sent_[joint] += sent;
         hpmc_lcm::joint_torque_t message{};
         message.utime = utime;
         message.seq = clock_.seq(period, tick);
-        message.tau_Nm = node.output.torque_mNm / 1000.0;
-        message.frames_sent = static_cast<std::int32_t>(node.output.frame_count);
-        tau_Nm_[at] = message.tau_Nm;
+        message.tau_Nm = nodes_[joint]->torque_Nm();
+        message.frames_sent = sent;
+        tau_Nm_[static_cast<Eigen::Index>(joint)] = message.tau_Nm;
         log(kTorqueChannels[joint], message);
     }
     last_utime_ = utime;

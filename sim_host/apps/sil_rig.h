@@ -1,13 +1,16 @@
 /**
  * The whole rig in one process: host layers, three firmware nodes and the ODE arm, frames over an
  * in-process bus, messages into a log file. The calls are those of hpmc_host, motor_node and
- * arm_sim, in the same order, so that ARM_STATE comes out byte for byte the same.
+ * arm_sim, in the same order, so that ARM_STATE comes out byte for byte the same. Nodes are the
+ * firmware linked in, or emulated boards at the other end of a line (rig_node.h).
  */
 #pragma once
 
 #include <memory>
 #include <string>
+#include <vector>
 
+#include "apps/rig_node.h"
 #include "host/bus_account.h"
 #include "host/host_cycle.h"
 #include "host/telemetry.h"
@@ -17,10 +20,6 @@
 #include "link/lcm_link.h"
 #include "link/target_inbox.h"
 #include "plant/arm_plant.h"
-
-extern "C" {
-#include "node/motor_node.h"
-}
 
 namespace hpmc {
 
@@ -33,10 +32,20 @@ struct SilOptions {
     std::string targets{};        ///< log whose targets from outside are to act again
 };
 
+using RigNodes = std::array<std::unique_ptr<RigNode>, kJoints>;
+
+/// The firmware, three times in this process.
+RigNodes native_nodes();
+/// Flash images behind SLCAN lines, one address a node; connects to them. Throws LinkError.
+RigNodes emulated_nodes(const std::vector<std::string> &addresses);
+
 class SilRig {
   public:
-    /// Throws LinkError when the log cannot be made.
+    /// Native nodes. Throws LinkError when the log cannot be made.
     SilRig(const SilOptions &options, const RunConfig &config);
+    /// mode: for RUN_INFO. Emulated nodes need injected sensors.
+    SilRig(const SilOptions &options, const RunConfig &config, RigNodes nodes,
+           const std::string &mode);
 
     std::int64_t first_period() const { return first_period_; }
     std::int64_t last_period() const { return last_period_; } ///< exclusive
@@ -62,15 +71,6 @@ class SilRig {
     std::int64_t messages() const { return log_ ? log_->written() : 0; }
 
   private:
-    /// One firmware node.
-    struct Node {
-        motor_node_config_t config{};
-        motor_node_t device{};
-        motor_node_output_t output{};
-
-        void step(const motor_node_input_t &input);
-    };
-
     /// The log, as far as its level goes, and whoever looks on.
     class Observers {
       public:
@@ -120,7 +120,7 @@ class SilRig {
     std::unique_ptr<LcmLogWriter> log_;
     std::unique_ptr<LcmSender> live_;
     TargetInbox inbox_of_targets_;
-    std::array<Node, kJoints> nodes_;
+    RigNodes nodes_;
     std::array<PeriodFrames, kJoints> inbox_{};
     PeriodFrames sent_{};       ///< by the nodes in the present period
     PeriodFrames from_nodes_{}; ///< by the nodes in the period before

@@ -23,14 +23,13 @@
 #include "apps/common_options.h"
 #include "host/progress.h"
 #include "hpmc_lcm/arm_target_t.hpp"
-#include "link/lcm_link.h"
+#include "link/lcm_batch_receiver.h"
 #include "link/target_inbox.h"
 
 using namespace hpmc;
 
 namespace {
 
-constexpr std::size_t kMessagesPerCall = 64;
 constexpr std::size_t kStatesPerBatch = 8;
 constexpr int kReceiveBufferBytes = 8 << 20;
 constexpr std::int64_t kStatsPeriod_ms = 1000;
@@ -48,14 +47,6 @@ std::int64_t now_ms() {
     timespec now{};
     clock_gettime(CLOCK_MONOTONIC, &now);
     return now.tv_sec * 1000LL + now.tv_nsec / 1000000;
-}
-
-std::int64_t big_endian_i64(const std::uint8_t *at) {
-    std::uint64_t value = 0;
-    for (int i = 0; i < 8; ++i) {
-        value = value << 8U | at[i];
-    }
-    return static_cast<std::int64_t>(value);
 }
 
 constexpr std::uint32_t word(const char (&text)[5]) {
@@ -100,17 +91,9 @@ class Relay {
   public:
     explicit Relay(const Options &options)
         : batch_ms_(options.batch_ms), every_(options.every),
-          datagrams_(std::make_unique<lcm_udp_message_t[]>(kMessagesPerCall)),
-          targets_(options.url) {
-        const lcm_udp_address_t address = parse_lcm_url(options.url);
-        if (!lcm_udp_receiver_open(&receiver_, &address, nullptr, kReceiveBufferBytes)) {
-            throw LinkError("LCM " + options.url + ": " + std::strerror(errno));
-        }
-        attach_filter(receiver_.fd, options.every);
+          receiver_(options.url, nullptr, kReceiveBufferBytes), targets_(options.url) {
+        attach_filter(receiver_.fd(), options.every);
     }
-    ~Relay() { lcm_udp_receiver_close(&receiver_); }
-    Relay(const Relay &) = delete;
-    Relay &operator=(const Relay &) = delete;
 
     void run() {
         while (wait() && write_batch()) {
@@ -156,27 +139,6 @@ class Relay {
         return true;
     }
 
-    void receive() {
-        std::array<iovec, kMessagesPerCall> parts{};
-        std::array<mmsghdr, kMessagesPerCall> headers{};
-        int n = 0;
-        do {
-            for (std::size_t i = 0; i < kMessagesPerCall; ++i) {
-                parts[i] = {datagrams_[i].datagram, sizeof datagrams_[i].datagram};
-                headers[i] = {};
-                headers[i].msg_hdr.msg_iov = &parts[i];
-                headers[i].msg_hdr.msg_iovlen = 1;
-            }
-            n = recvmmsg(receiver_.fd, headers.data(), kMessagesPerCall, MSG_DONTWAIT, nullptr);
-            for (int i = 0; i < n; ++i) {
-                lcm_udp_message_t &message = datagrams_[static_cast<std::size_t>(i)];
-                if (lcm_udp_take_apart(&message, headers[static_cast<std::size_t>(i)].msg_len)) {
-                    take(message);
-                }
-            }
-        } while (n == static_cast<int>(kMessagesPerCall));
-    }
-
     void take(const lcm_udp_message_t &message) {
         const std::string channel = message.channel;
         const std::int64_t seq = message.payload_length < static_cast<int>(kHeaderBytes)
@@ -207,7 +169,7 @@ class Relay {
     }
 
     bool write_batch() {
-        receive();
+        receiver_.drain([this](const lcm_udp_message_t &message) { take(message); });
         out_.clear();
         for (const auto &[channel, message] : newest_) {
             put(channel, message.utime, message.payload);
@@ -259,8 +221,7 @@ class Relay {
 
     int batch_ms_;
     std::int64_t every_;
-    lcm_udp_receiver_t receiver_{};
-    std::unique_ptr<lcm_udp_message_t[]> datagrams_;
+    LcmBatchReceiver receiver_;
     LcmSender targets_;
     std::string input_;
     std::map<std::string, Message> newest_; ///< by channel, of all but HPMC_STATE

@@ -10,15 +10,21 @@ namespace hpmc {
 namespace {
 
 constexpr double kApproachParts = 2.0; ///< the blend, then the rise to full torque, as long each
-constexpr std::int64_t kStatusPeriods = 10;     ///< NODE_STATUS at least this often
-constexpr std::int64_t kStopMarginPeriods = 30; ///< on top of the ramp of a quick stop
+constexpr std::int64_t kStatusPeriods = 10;      ///< NODE_STATUS at least this often
+constexpr std::uint32_t kStopMarginPeriods = 30; ///< on top of the ramp of a quick stop
 
-CanopenMasterConfig master_config(const RunConfig &config) {
+CanopenMasterConfig master_config(const RunConfig &config, TimeBase time_base) {
+    const auto periods = [&](double seconds) {
+        return static_cast<std::uint32_t>(
+            std::lround(seconds * 1e6 / static_cast<double>(sync_period_us(config, time_base))));
+    };
     CanopenMasterConfig master;
-    master.configuration = node_configuration(config);
-    master.heartbeat_periods = static_cast<std::uint32_t>(config.bus.heartbeat_ms);
-    master.stop_periods = static_cast<std::uint32_t>(
-        std::lround(config.joint.ramp_s / kSyncPeriod_s) + kStopMarginPeriods);
+    master.configuration = node_configuration(config, time_base);
+    master.heartbeat_periods =
+        std::max(periods(static_cast<double>(config.bus.heartbeat_ms) * 1e-3), 1U);
+    master.stop_periods = periods(config.joint.ramp_s) + kStopMarginPeriods;
+    master.sync_first = config.bus.pipeline == 2;
+    master.wall_clock = time_base == TimeBase::free_running;
     return master;
 }
 
@@ -71,13 +77,12 @@ void copy(const std::array<Eigen::Vector2d, 3> &from, double (&to)[3][2]) {
 
 } // namespace
 
-HostCycle::HostCycle(const RunConfig &config)
-    : config_(config), schedule_(config), master_(master_config(config)), controller_(config.hpmc),
-      arm_(config.hpmc.arm),
+HostCycle::HostCycle(const RunConfig &config, TimeBase time_base)
+    : config_(config), schedule_(config), master_(master_config(config, time_base)),
+      controller_(config.hpmc), arm_(config.hpmc.arm),
       increments_per_rad_(static_cast<double>(config.joint.increments_per_revolution) /
                           (2.0 * M_PI)),
-      delay_line_(static_cast<std::size_t>(config.bus.pipeline - 1 + config.bus.command_delay_ms)) {
-}
+      delay_line_(static_cast<std::size_t>(config.bus.command_delay_ms)) {}
 
 void HostCycle::begin_repetition() {
     master_.restart();
@@ -108,10 +113,10 @@ Eigen::Vector2d HostCycle::reachable(const Eigen::Vector2d &x_m) const {
     return inverse.saturated ? arm_.link_ends(inverse.q_rad)[hand] : x_m;
 }
 
-/// A target from outside acts during the reaches, until the schedule's next change of target.
+/// A target from outside acts during the reaches, until the next reach begins.
 void HostCycle::choose_target(const std::optional<Eigen::Vector2d> &outside_m) {
     const bool reaching = point_.reach >= 0;
-    if (!reaching || point_.target_changes) {
+    if (!reaching || point_.reach_begins) {
         outside_m_.reset();
     }
     outside_began_ = outside_m.has_value() && reaching && !stopping_ && outside_m->allFinite();
@@ -224,7 +229,7 @@ void HostCycle::step(const HostCycleInput &input, HostCycleOutput &output) {
         ++periods_enabled_;
     }
 
-    if (point_.reach == 0 && point_.target_changes && fault_.empty()) {
+    if (point_.reach == 0 && point_.reach_begins && fault_.empty()) {
         if (!operating()) {
             raise("the nodes were not enabled within schedule.setup_s");
         } else if ((arm_.link_ends(q_rad_)[hand] - schedule_.target_m(0)).norm() >

@@ -42,7 +42,7 @@ enum class RunPhase { boot, configure, enable, approach, reaches, stop };
 
 class HostCycle {
   public:
-    explicit HostCycle(const RunConfig &config);
+    explicit HostCycle(const RunConfig &config, TimeBase time_base = TimeBase::stepped);
 
     void step(const HostCycleInput &input, HostCycleOutput &output);
 
@@ -92,7 +92,7 @@ class HostCycle {
     SchedulePoint point_{};
     Eigen::Vector2d x_t_m_ =
         Eigen::Vector2d::Zero();               ///< the schedule's target, or that from outside
-    std::optional<Eigen::Vector2d> outside_m_; ///< in force until the schedule's next change
+    std::optional<Eigen::Vector2d> outside_m_; ///< in force until the next reach
     bool outside_began_ = false;
     std::int64_t outside_count_ = 0;
     std::int64_t outside_refused_ = 0;

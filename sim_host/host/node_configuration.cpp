@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include "host/run_schedule.h"
 #include "link/motor_node_od.h"
 
 namespace hpmc {
@@ -10,7 +9,6 @@ namespace {
 
 constexpr std::uint32_t kHostId = 127;
 constexpr std::uint32_t kSyncCounterMax = 240;
-constexpr std::uint32_t kTimeBaseStepped = 1;
 constexpr double kEnablingWindow_rad = 0.05; ///< 6065h: how far Q_d may be from the measured angle
 
 std::uint32_t scaled(double value, double per_unit) {
@@ -31,11 +29,12 @@ std::uint32_t heartbeat_consumer(std::uint32_t node_id, const RunConfig &config)
     return node_id << 16U | unsigned_ms(config.bus.heartbeat_timeout_ms);
 }
 
-std::vector<SdoWrite> one_node(const RunConfig &config, std::uint32_t node_id) {
+std::vector<SdoWrite> one_node(const RunConfig &config, TimeBase time_base, std::uint32_t node_id) {
     using namespace motor_node_od;
     const JointConfig &joint = config.joint;
     const double torque_limit_Nm =
         config.hpmc.joint_coordination.torque_limit_Nm[static_cast<Eigen::Index>(node_id - 1)];
+    const std::int64_t period_us = sync_period_us(config, time_base);
     const std::uint32_t peer_a = node_id == 1 ? 2 : 1;
     const std::uint32_t peer_b = node_id == 3 ? 2 : 3;
     return {
@@ -45,9 +44,10 @@ std::vector<SdoWrite> one_node(const RunConfig &config, std::uint32_t node_id) {
         write(kConsumerHeartbeatTimeConsumerHeartbeatTime3, heartbeat_consumer(peer_b, config)),
         write(kSynchronousCounterOverflowValue, kSyncCounterMax),
         // After 1019h, which cannot be changed while 1006h is set; from here a node misses SYNCs.
-        write(kCommunicationCyclePeriod, kSyncPeriod_us),
-        // A number of SYNC periods; in ms, since a period is 1 ms.
-        write(kRpdo1CommunicationParameterEventTimer, unsigned_ms(config.bus.deadline_periods)),
+        write(kCommunicationCyclePeriod, static_cast<std::uint32_t>(period_us)),
+        // A number of SYNC periods, in ms.
+        write(kRpdo1CommunicationParameterEventTimer,
+              unsigned_ms(config.bus.deadline_periods * period_us / 1000)),
         write(kPositionEncoderResolutionEncoderIncrements,
               static_cast<std::uint32_t>(joint.increments_per_revolution)),
         write(kFollowingErrorWindow,
@@ -60,18 +60,21 @@ std::vector<SdoWrite> one_node(const RunConfig &config, std::uint32_t node_id) {
         write(kFicDeltaInc256, scaled(joint.delta_inc, 256)),
         write(kFicStallTimeUs, scaled(joint.stall_time_s, 1e6)),
         write(kFicPhaseRule, joint.phase_rule == PhaseRule::body_motion ? 0 : 1),
-        write(kFicJointTicksPerSync, static_cast<std::uint32_t>(config.joint_ticks())),
+        write(kFicJointTicksPerSync,
+              static_cast<std::uint32_t>(config.joint.rate_Hz * period_us / 1000000)),
         write(kOutputBoundRampUpMs, scaled(joint.ramp_s, 1e3)),
         write(kOutputBoundRampDownMs, scaled(joint.ramp_s, 1e3)),
-        write(kTimeBase, kTimeBaseStepped),
+        write(kTimeBase, time_base == TimeBase::stepped ? 1 : 0),
         write(kSensorSource, config.sensors == Sensors::injected ? 1 : 0),
     };
 }
 
 } // namespace
 
-std::array<std::vector<SdoWrite>, kJoints> node_configuration(const RunConfig &config) {
-    return {one_node(config, 1), one_node(config, 2), one_node(config, 3)};
+std::array<std::vector<SdoWrite>, kJoints> node_configuration(const RunConfig &config,
+                                                              TimeBase time_base) {
+    return {one_node(config, time_base, 1), one_node(config, time_base, 2),
+            one_node(config, time_base, 3)};
 }
 
 } // namespace hpmc

@@ -6,11 +6,12 @@
 #include <array>
 #include <vector>
 
-#include "host/run_config.h"
+#include "host/run_schedule.h"
 #include "link/canopen_master.h"
 
 namespace hpmc {
 
-std::array<std::vector<SdoWrite>, kJoints> node_configuration(const RunConfig &config);
+std::array<std::vector<SdoWrite>, kJoints>
+node_configuration(const RunConfig &config, TimeBase time_base = TimeBase::stepped);
 
 } // namespace hpmc

@@ -51,15 +51,27 @@ const std::vector<Choice<TaskDirection>> kDirections{{"fixed", TaskDirection::fi
                                                      {"motion", TaskDirection::motion}};
 const std::vector<Choice<Sensors>> kSensors{{"direct", Sensors::direct},
                                             {"injected", Sensors::injected}};
+const std::vector<Choice<TargetPath>> kPaths{{"clock", TargetPath::clock},
+                                             {"figure_of_eight", TargetPath::figure_of_eight}};
+const std::vector<Choice<WallConfig::Surface>> kSurfaces{{"none", WallConfig::Surface::none},
+                                                         {"plane", WallConfig::Surface::plane}};
 const std::vector<Choice<std::int64_t>> kJointRates{{"1000", 1000}, {"5000", 5000}};
 
 /// The one table: every key with its range and meaning. `V` reads, prints or lists.
 template <class V> void describe(RunConfig &c, V &v) {
-    v.section("experiment", "the clock experiment");
+    v.section("experiment", "what the target of the hand does");
+    v.choice("path", c.experiment.path, kPaths,
+             "home to the targets of the clock and back, or an eight around home");
     v.vector("centre_m", c.experiment.centre_m, -0.6, 0.6, "m, home position of the hand (x, y)");
-    v.number("radius_m", c.experiment.radius_m, 0.001, 0.3, "m, distance of the targets from home");
-    v.number("period_s", c.experiment.period_s, 0.2, 3600, "s, a new target each period");
-    v.integer("repetitions", c.experiment.repetitions, 1, 100000, "of 16 reaches each");
+    v.number("radius_m", c.experiment.radius_m, 0.001, 0.3,
+             "m, distance of the targets from home; half the height of the eight");
+    v.number("period_s", c.experiment.period_s, 0.05, 3600,
+             "s, a reach: a new target, or one eight");
+    v.integer("reaches", c.experiment.reaches, 1, 2 * kClockTargets,
+              "of a repetition: target 1, home, target 2, home ..., or so many eights");
+    v.number("waypoint_s", c.experiment.waypoint_s, 0.001, 1,
+             "s, how often the target moves on along the eight");
+    v.integer("repetitions", c.experiment.repetitions, 1, 100000, "each from boot to stop");
     v.integer("seed", c.experiment.seed, 0, 2147483647, "of the start angles' offsets");
 
     v.section("arm", "the arm: upper arm, forearm, hand");
@@ -70,6 +82,14 @@ template <class V> void describe(RunConfig &c, V &v) {
 
     v.section("plant", "the simulated arm");
     v.number("step_s", c.plant.step_s, 0.00005, 0.001, "s, step of ODE; divides the joint period");
+
+    v.section("wall", "a plane that the hand may be pressed against; no friction");
+    v.choice("surface", c.plant.wall.surface, kSurfaces, "whether there is a wall");
+    v.vector("point_m", c.plant.wall.point_m, -1, 1, "m, a point of its surface (x, y)");
+    v.number("normal_rad", c.plant.wall.normal_rad, -M_PI, M_PI,
+             "rad, direction out of the wall, to the side where the hand may be");
+    v.number("stiffness_N_m", c.plant.wall.stiffness_N_m, 1e3, 1e5, "N/m");
+    v.number("damping_N_s_m", c.plant.wall.damping_N_s_m, 0, 1000, "N s/m");
 
     v.section("elastic_band", "layer 1");
     v.number("acceleration_max_m_s2", c.hpmc.elastic_band.acceleration_max_m_s2, 0.001, 50,
@@ -128,6 +148,18 @@ template <class V> void describe(RunConfig &c, V &v) {
     v.number("approach_tolerance_m", c.schedule.approach_tolerance_m, 0.0001, 0.05,
              "m, distance from home allowed at the first reach");
     v.number("stop_s", c.schedule.stop_s, 0.15, 10, "s, quick stop at the end");
+
+    v.section("bench", "mode bench: a real bus, by the wall clock");
+    v.integer("sync_Hz", c.bench.sync_Hz, 10, 1000,
+              "Hz, SYNC on the wall clock; below 1000 the experiment runs in slow motion");
+    v.vector("check_torque_Nm", c.bench.check_torque_Nm, 0.01, 10,
+             "N m, largest torque of the encoder check");
+    v.number("check_motion_rad", c.bench.check_motion_rad, 0.001, 0.1,
+             "rad, motion that shows the sign of an encoder");
+    v.number("check_motion_max_rad", c.bench.check_motion_max_rad, 0.002, 0.5,
+             "rad, motion that ends the encoder check");
+    v.number("check_tolerance_rad", c.bench.check_tolerance_rad, 0.01, 3,
+             "rad, distance of the measured angles from the home posture");
 
     v.section("rig", "how the nodes see the arm");
     v.choice("sensors", c.sensors, kSensors, "encoder and motor direct, or by RPDO4 and TPDO1");
@@ -388,20 +420,33 @@ void check_whole_periods(double seconds, const char *key) {
             (std::string(key) + ": must be a whole number of ms").c_str());
 }
 
+/// Targets of the hand that are tried: home first, then around the clock or along the eight.
+std::vector<Eigen::Vector2d> targets_m(const ExperimentConfig &experiment) {
+    constexpr int kEightSamples = 64;
+    std::vector<Eigen::Vector2d> targets{experiment.centre_m};
+    const bool clock = experiment.path == TargetPath::clock;
+    const int count = clock ? static_cast<int>(experiment.reaches + 1) / 2 : kEightSamples;
+    for (int i = 0; i < count; ++i) {
+        const double angle = 2.0 * M_PI * i / (clock ? kClockTargets : kEightSamples);
+        const double x = clock ? std::cos(angle) : std::sin(2.0 * angle) / 2.0;
+        targets.emplace_back(experiment.centre_m +
+                             experiment.radius_m * Eigen::Vector2d(x, std::sin(angle)));
+    }
+    return targets;
+}
+
 void check_targets(const RunConfig &c) {
     const PlanarArm arm(c.hpmc.arm);
-    for (int target = 0; target <= kClockTargets; ++target) {
-        const double angle = 2.0 * M_PI * (target - 1) / kClockTargets;
-        const double radius = target == 0 ? 0.0 : c.experiment.radius_m;
-        const Eigen::Vector2d x_m =
-            c.experiment.centre_m + radius * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+    const std::vector<Eigen::Vector2d> targets = targets_m(c.experiment);
+    for (std::size_t target = 0; target < targets.size(); ++target) {
+        const Eigen::Vector2d &x_m = targets[target];
         const Eigen::Vector3d q_rad = arm.inverse(x_m, c.hpmc.dynamic_task.w_t_rad).q_rad;
         DynamicTask task(c.hpmc.dynamic_task, c.hpmc.arm);
         task.reset(q_rad);
         if (task.step(x_m, Eigen::Vector2d::Zero(), q_rad).saturated) {
             char text[160];
             std::snprintf(text, sizeof text,
-                          "experiment.%s: target %d at (%.3f, %.3f) m is out of reach: the wrist "
+                          "experiment.%s: target %zu at (%.3f, %.3f) m is out of reach: the wrist "
                           "must lie %.3f to %.3f m from the shoulder",
                           target == 0 ? "centre_m" : "radius_m", target, x_m.x(), x_m.y(),
                           std::abs(c.hpmc.arm.length_m[0] - c.hpmc.arm.length_m[1]),
@@ -409,6 +454,15 @@ void check_targets(const RunConfig &c) {
             throw ConfigError(text);
         }
     }
+}
+
+/// Home must be on the free side of the wall: a run begins there, at rest and without a force.
+void check_wall(const RunConfig &c) {
+    const WallConfig &wall = c.plant.wall;
+    const Eigen::Vector2d normal(std::cos(wall.normal_rad), std::sin(wall.normal_rad));
+    require(!wall.present() || (c.experiment.centre_m - wall.point_m).dot(normal) >= 0.001,
+            "wall.point_m: home (experiment.centre_m) must be at least 0.001 m in front of the "
+            "wall, on the side that wall.normal_rad points to");
 }
 
 void check(const RunConfig &c) {
@@ -428,11 +482,19 @@ void check(const RunConfig &c) {
             "schedule.stop_s: must be at least joint.ramp_s + 0.05");
     require(c.bus.heartbeat_timeout_ms > c.bus.heartbeat_ms,
             "bus.heartbeat_timeout_ms: must be above bus.heartbeat_ms");
+    const std::int64_t bench_ticks = c.joint.rate_Hz / c.bench.sync_Hz;
+    require(1000000 % c.bench.sync_Hz == 0, "bench.sync_Hz: must divide 1000000");
+    require(bench_ticks * c.bench.sync_Hz == c.joint.rate_Hz,
+            "bench.sync_Hz: must divide joint.rate_Hz");
+    require(c.bench.check_motion_rad < c.bench.check_motion_max_rad,
+            "bench.check_motion_max_rad: must be above bench.check_motion_rad");
     require_divides(c.plant.step_s, 1.0 / static_cast<double>(c.joint.rate_Hz));
     check_whole_periods(c.experiment.period_s, "experiment.period_s");
+    check_whole_periods(c.experiment.waypoint_s, "experiment.waypoint_s");
     check_whole_periods(c.schedule.setup_s, "schedule.setup_s");
     check_whole_periods(c.schedule.stop_s, "schedule.stop_s");
     check_targets(c);
+    check_wall(c);
 }
 
 } // namespace

@@ -25,10 +25,19 @@ struct ConfigError : std::runtime_error {
 /// Number of targets on the clock.
 constexpr int kClockTargets = 8;
 
+/// What the target of the hand does.
+enum class TargetPath {
+    clock,           ///< jumps from home to the targets of the clock and back
+    figure_of_eight, ///< runs along an eight around home
+};
+
 struct ExperimentConfig {
+    TargetPath path;
     Eigen::Vector2d centre_m;
     double radius_m;
-    double period_s; ///< a new target each period
+    double period_s;      ///< of a reach
+    std::int64_t reaches; ///< of a repetition
+    double waypoint_s;    ///< from one target to the next on a path
     std::int64_t repetitions;
     std::int64_t seed;
 };
@@ -62,6 +71,15 @@ struct ScheduleConfig {
     double stop_s; ///< quick stop, disabling
 };
 
+/// On a real bus, by the wall clock.
+struct BenchConfig {
+    std::int64_t sync_Hz;
+    Eigen::Vector3d check_torque_Nm; ///< of the encoder check, largest
+    double check_motion_rad;         ///< that shows an encoder's sign
+    double check_motion_max_rad;     ///< more than this ends the check
+    double check_tolerance_rad;      ///< measured angles from the home posture
+};
+
 enum class Sensors { direct, injected };
 
 struct RunConfig {
@@ -71,6 +89,7 @@ struct RunConfig {
     JointConfig joint;
     BusConfig bus;
     ScheduleConfig schedule;
+    BenchConfig bench;
     Sensors sensors;
 
     int joint_ticks() const { return static_cast<int>(joint.rate_Hz / 1000); }

@@ -17,7 +17,8 @@ std::uint64_t mix(std::uint64_t value) {
     return value ^ (value >> 31U);
 }
 
-/// The posture that the dynamic task comes to with the hand at rest at home.
+} // namespace
+
 Eigen::Vector3d home_pose_rad(const RunConfig &config) {
     constexpr int kStepsToSettle = 2000;
     const Eigen::Vector2d &home_m = config.experiment.centre_m;
@@ -31,11 +32,13 @@ Eigen::Vector3d home_pose_rad(const RunConfig &config) {
     return q_rad;
 }
 
-} // namespace
-
 RunSchedule::RunSchedule(const RunConfig &config)
     : experiment_(config.experiment), setup_(periods(config.schedule.setup_s)),
-      reach_(periods(config.experiment.period_s)), stop_(periods(config.schedule.stop_s)) {}
+      reach_(periods(config.experiment.period_s)), reaches_(config.experiment.reaches),
+      waypoint_(config.experiment.path == TargetPath::clock
+                    ? reach_
+                    : periods(config.experiment.waypoint_s)),
+      stop_(periods(config.schedule.stop_s)) {}
 
 Eigen::Vector2d RunSchedule::target_m(int target) const {
     if (target == 0) {
@@ -46,17 +49,36 @@ Eigen::Vector2d RunSchedule::target_m(int target) const {
            experiment_.radius_m * Eigen::Vector2d(std::cos(angle), std::sin(angle));
 }
 
+/// The waypoint that the target stands at, so many periods after the eight began.
+Eigen::Vector2d RunSchedule::on_eight_m(std::int64_t into_reach) const {
+    const std::int64_t waypoint = into_reach / waypoint_;
+    const double s_rad =
+        2.0 * M_PI * static_cast<double>(waypoint * waypoint_) / static_cast<double>(reach_);
+    return experiment_.centre_m +
+           experiment_.radius_m * Eigen::Vector2d(std::sin(2.0 * s_rad) / 2.0, std::sin(s_rad));
+}
+
 SchedulePoint RunSchedule::at(std::int64_t period) const {
     SchedulePoint point{};
     point.repetition = period / periods_per_repetition();
     point.period = period % periods_per_repetition();
     const std::int64_t since_first = point.period - setup_;
-    const bool reaching = since_first >= 0 && since_first < kReaches * reach_;
+    const bool reaching = since_first >= 0 && since_first < reaches_ * reach_;
+    const bool clock = experiment_.path == TargetPath::clock;
+    const std::int64_t into_reach = reaching ? since_first % reach_ : 0;
     point.reach = reaching ? static_cast<int>(since_first / reach_) : -1;
-    point.target = reaching ? point.reach / 2 + 1 : 0;
-    point.target_changes = reaching && since_first % reach_ == 0;
-    point.stopping = since_first >= kReaches * reach_;
-    point.x_t_m = target_m(reaching && point.reach % 2 == 0 ? point.target : 0);
+    point.target = reaching && clock ? point.reach / 2 + 1 : 0;
+    point.reach_begins = reaching && into_reach == 0;
+    point.target_changes = reaching && into_reach % waypoint_ == 0;
+    const std::int64_t targets_per_reach = (reach_ + waypoint_ - 1) / waypoint_;
+    point.target_seq =
+        (point.repetition * reaches_ + point.reach) * targets_per_reach + into_reach / waypoint_;
+    point.stopping = since_first >= reaches_ * reach_;
+    if (reaching && !clock) {
+        point.x_t_m = on_eight_m(into_reach);
+    } else {
+        point.x_t_m = target_m(reaching && point.reach % 2 == 0 ? point.target : 0);
+    }
     return point;
 }
 

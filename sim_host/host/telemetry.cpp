@@ -11,6 +11,7 @@ namespace hpmc {
 namespace {
 
 constexpr std::int64_t kRunInfoPeriod_us = 1000000;
+constexpr std::int32_t kWaypoint = -2; ///< arm_target_t.target
 
 #ifdef CONTROL_FIXED_POINT
 constexpr const char *kJointNumbers = "fixed";
@@ -62,15 +63,15 @@ bool Telemetry::target_changed(const HostCycle &cycle) {
     if (!point.target_changes) {
         return false;
     }
-    const bool outward = point.reach % 2 == 0;
     arm_target_.utime = cycle.state().utime;
     arm_target_.x_t_m[0] = point.x_t_m.x();
     arm_target_.x_t_m[1] = point.x_t_m.y();
-    arm_target_.target = outward ? point.target : 0;
+    const bool home = point.target != 0 && point.reach % 2 != 0;
+    arm_target_.target = home ? 0 : (point.target != 0 ? point.target : kWaypoint);
     // Numbered by the schedule, so that it grows through repetitions whoever runs them, and by the
     // targets from outside in between.
-    arm_target_.seq = point.repetition * kReaches + point.reach + cycle.outside_targets() -
-                      (cycle.outside_target_began() ? 1 : 0);
+    arm_target_.seq =
+        point.target_seq + cycle.outside_targets() - (cycle.outside_target_began() ? 1 : 0);
     return true;
 }
 
@@ -78,11 +79,10 @@ bool Telemetry::outside_target_began(const HostCycle &cycle) {
     if (!cycle.outside_target_began()) {
         return false;
     }
-    const SchedulePoint &point = cycle.schedule_point();
     arm_target_.utime = cycle.state().utime;
     std::copy_n(cycle.state().x_t_m, 2, arm_target_.x_t_m);
     arm_target_.target = kOutsideTarget;
-    arm_target_.seq = point.repetition * kReaches + point.reach + cycle.outside_targets();
+    arm_target_.seq = cycle.schedule_point().target_seq + cycle.outside_targets();
     return true;
 }
 

@@ -43,6 +43,16 @@ void CanBus::receive(std::size_t count, PeriodFrames &frames) {
     frames.append(received.data(), got);
 }
 
+bool CanBus::receive_some(PeriodFrames &frames, int timeout_ms) {
+    can_frame_t first;
+    if (can_socket_receive(&socket_, &first, 1, timeout_ms) == 0) {
+        return false;
+    }
+    frames.append(&first, 1);
+    receive_available(frames);
+    return true;
+}
+
 void CanBus::receive_available(PeriodFrames &frames) {
     std::array<can_frame_t, PeriodFrames::kMax> received;
     frames.append(received.data(),

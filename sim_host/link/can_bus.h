@@ -24,6 +24,8 @@ class CanBus {
     void send(const can_frame_t *frames, std::size_t count);
     /// Appends exactly `count` frames; throws LinkError when one is missing.
     void receive(std::size_t count, PeriodFrames &frames);
+    /// Waits for a frame, appends it and all that are there; false when none came in time.
+    bool receive_some(PeriodFrames &frames, int timeout_ms);
     /// Appends the frames that are there, without waiting.
     void receive_available(PeriodFrames &frames);
 

@@ -45,6 +45,7 @@ constexpr std::uint32_t kSdoPeriods = 50;
 constexpr std::uint32_t kRepeatControlwordPeriods = 10;
 constexpr std::uint32_t kEnablePeriods = 300;
 constexpr std::uint32_t kSilentPeriods = 2;
+constexpr std::uint32_t kOwedMax = 2; ///< an older reply is lost, not late
 
 can_frame_t make_frame(std::uint16_t id, std::initializer_list<unsigned> bytes) {
     can_frame_t frame{};
@@ -198,9 +199,11 @@ void CanopenMaster::watch() {
     for (std::size_t joint = 0; joint < kJoints; ++joint) {
         NodeView &node = nodes_[joint];
         const bool cyclic = stage_ == MasterStage::enable || stage_ == MasterStage::enabled;
+        const std::uint32_t allowed = config_.wall_clock ? std::max(node.owed_tpdo1, 1U) : 1U;
+        node.owed_tpdo1 -= std::min(node.owed_tpdo1, node.tpdo1_in_period);
         node.periods_without_tpdo1 = node.tpdo1_in_period == 0 ? node.periods_without_tpdo1 + 1 : 0;
         if (cyclic && periods_in_stage_ > 0) {
-            if (node.tpdo1_in_period > 1) {
+            if (node.tpdo1_in_period > allowed) {
                 fail(joint,
                      "sent " + std::to_string(node.tpdo1_in_period) + " TPDO1 in one period");
             } else if (node.periods_without_tpdo1 >= kSilentPeriods &&
@@ -339,12 +342,27 @@ void CanopenMaster::compose_cyclic(const std::array<JointCommand, kJoints> &comm
     }
 }
 
+void CanopenMaster::compose_sync(Frames &frames, std::size_t &count) {
+    sync_counter_ = sync_counter_ == kSyncCounterMax ? std::uint8_t{1}
+                                                     : static_cast<std::uint8_t>(sync_counter_ + 1);
+    frames[count++] = make_frame(kSync, {sync_counter_});
+    for (NodeView &node : nodes_) {
+        node.owed_tpdo1 = std::min(node.owed_tpdo1 + 1, kOwedMax);
+    }
+}
+
 std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &commands,
                                    std::array<can_frame_t, kFramesMax> &frames) {
     std::size_t count = 0;
     bool cyclic = false;
     bool acyclic_sent = false;
     const MasterStage now = stage_;
+    const bool sync =
+        now == MasterStage::enable || now == MasterStage::enabled || now == MasterStage::stopping;
+    if (sync && config_.sync_first) {
+        compose_sync(frames, count);
+    }
+    const std::size_t heads = count;
     switch (now) {
     case MasterStage::reset:
         frames[count++] = make_frame(kNmt, {kNmtResetNode, 0});
@@ -377,8 +395,8 @@ std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &comm
         break;
     case MasterStage::stopping:
         compose_stopping(frames, count);
-        acyclic_sent = count > 0;
-        cyclic = count < kJoints;
+        acyclic_sent = count > heads;
+        cyclic = count - heads < kJoints;
         break;
     case MasterStage::stopped:
         if (periods_in_stage_ == 0) {
@@ -397,11 +415,8 @@ std::size_t CanopenMaster::compose(const std::array<JointCommand, kJoints> &comm
     if (cyclic) {
         compose_cyclic(commands, frames, count);
     }
-    if (cyclic || now == MasterStage::stopping) {
-        sync_counter_ = sync_counter_ == kSyncCounterMax
-                            ? std::uint8_t{1}
-                            : static_cast<std::uint8_t>(sync_counter_ + 1);
-        frames[count++] = make_frame(kSync, {sync_counter_});
+    if (sync && !config_.sync_first) {
+        compose_sync(frames, count);
     }
     if (stage_ == now) {
         ++periods_in_stage_;

@@ -34,6 +34,9 @@ struct CanopenMasterConfig {
     std::uint32_t heartbeat_periods = 100; ///< host heartbeat, in SYNC periods
     std::int8_t mode = -1;                 ///< 6060h
     std::uint32_t stop_periods = 200;      ///< longest wait for the ramp of a quick stop
+    bool sync_first = false;               ///< SYNC before the other frames of its period
+    bool wall_clock =
+        false; ///< a TPDO1 may come a period late: two are no fault where two are owed
 };
 
 /// Cyclic command of one joint: RPDO1.
@@ -59,6 +62,7 @@ struct NodeView {
     std::uint32_t emcy_count = 0;
     std::uint32_t tpdo1_in_period = 0; ///< TPDO1 received in the last receive()
     std::uint32_t periods_without_tpdo1 = 0;
+    std::uint32_t owed_tpdo1 = 0; ///< SYNCs not yet answered, 0..2
 };
 
 /// RPDO2 with the command "quick stop" for each node.
@@ -105,6 +109,7 @@ class CanopenMaster {
     bool compose_configuration(Frames &frames, std::size_t &count);
     bool compose_enabling(Frames &frames, std::size_t &count);
     void compose_stopping(Frames &frames, std::size_t &count);
+    void compose_sync(Frames &frames, std::size_t &count);
     void compose_cyclic(const std::array<JointCommand, kJoints> &commands, Frames &frames,
                         std::size_t &count);
 

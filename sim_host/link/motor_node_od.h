@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "332fb8a9";
+inline constexpr std::string_view kProtocolHash = "0e78d0b4";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+332fb8a9";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+0e78d0b4";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 
@@ -156,6 +156,14 @@ inline constexpr Entry kDeratingTemperatureFaultDC{0x2105, 2, Type::kI16}; // 0.
 inline constexpr Entry kDeratingCurrentTimeMs{0x2105, 3, Type::kU16}; // ms
 inline constexpr Entry kDeratingCurrentFaultMA{0x2105, 4, Type::kU32}; // mA
 inline constexpr Entry kDeratingSpeedBeginPercent{0x2105, 5, Type::kU8}; // %
+inline constexpr Entry kJointHardwareHighestSubIndexSupported{0x2106, 0, Type::kU8};
+inline constexpr Entry kJointHardwareFullScaleMNm{0x2106, 1, Type::kU16}; // mN m
+inline constexpr Entry kJointHardwareOffsetCentiPercent{0x2106, 2, Type::kI16}; // 0.01 %
+inline constexpr Entry kJointHardwareCurrentZeroMV{0x2106, 3, Type::kU16}; // mV
+inline constexpr Entry kJointHardwareCurrentMAPerV{0x2106, 4, Type::kU16}; // mA/V
+inline constexpr Entry kJointHardwareTemperatureZeroMV{0x2106, 5, Type::kU16}; // mV
+inline constexpr Entry kJointHardwareTemperatureUVPerK{0x2106, 6, Type::kI16}; // uV/K
+inline constexpr Entry kJointHardwareEncoderReversed{0x2106, 7, Type::kU8};
 inline constexpr Entry kLimitReasons{0x2200, 0, Type::kU16};
 inline constexpr Entry kCountersHighestSubIndexSupported{0x2201, 0, Type::kU8};
 inline constexpr Entry kCountersMissedSync{0x2201, 1, Type::kU16};
@@ -168,6 +176,15 @@ inline constexpr Entry kCountersRpdo4Refused{0x2201, 7, Type::kU16};
 inline constexpr Entry kCountersFramesNotRead{0x2201, 8, Type::kU16};
 inline constexpr Entry kCountersFramesNotSent{0x2201, 9, Type::kU16};
 inline constexpr Entry kMotorTemperature{0x2202, 0, Type::kI16}; // 0.1 degC
+inline constexpr Entry kCrashRecordHighestSubIndexSupported{0x2203, 0, Type::kU8};
+inline constexpr Entry kCrashRecordCause{0x2203, 1, Type::kU8};
+inline constexpr Entry kCrashRecordProgramCounter{0x2203, 2, Type::kU32};
+inline constexpr Entry kCrashRecordLinkRegister{0x2203, 3, Type::kU32};
+inline constexpr Entry kCrashRecordProgramStatus{0x2203, 4, Type::kU32};
+inline constexpr Entry kCrashRecordFaultStatus{0x2203, 5, Type::kU32};
+inline constexpr Entry kCrashRecordHardFaultStatus{0x2203, 6, Type::kU32};
+inline constexpr Entry kCrashRecordFaultAddress{0x2203, 7, Type::kU32};
+inline constexpr Entry kCrashRecordResets{0x2203, 8, Type::kU16};
 inline constexpr Entry kSensorSource{0x2F00, 0, Type::kU8};
 inline constexpr Entry kTimeBase{0x2F01, 0, Type::kU8};
 inline constexpr Entry kInjectedSensorsHighestSubIndexSupported{0x2F02, 0, Type::kU8};

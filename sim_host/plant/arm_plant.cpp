@@ -25,6 +25,10 @@ struct WorldDelete {
     void operator()(dWorldID world) const { dWorldDestroy(world); }
 };
 
+struct JointGroupDelete {
+    void operator()(dJointGroupID group) const { dJointGroupDestroy(group); }
+};
+
 void check(const ArmPlantConfig &config) {
     if (!config.length_m.allFinite() || !(config.length_m.minCoeff() > 0.0)) {
         throw std::invalid_argument("plant.length_m: every link must be longer than 0");
@@ -38,6 +42,16 @@ void check(const ArmPlantConfig &config) {
     if (!(config.step_s >= 0.00005 && config.step_s <= 0.001)) {
         throw std::invalid_argument("plant.step_s: must be in 0.00005..0.001");
     }
+    const WallConfig &wall = config.wall;
+    if (!wall.point_m.allFinite() || !std::isfinite(wall.normal_rad)) {
+        throw std::invalid_argument("wall.point_m, wall.normal_rad: must be finite");
+    }
+    if (!(wall.stiffness_N_m >= 1e3 && wall.stiffness_N_m <= 1e5)) {
+        throw std::invalid_argument("wall.stiffness_N_m: must be in 1e3..1e5");
+    }
+    if (!(wall.damping_N_s_m >= 0.0 && wall.damping_N_s_m <= 1000.0)) {
+        throw std::invalid_argument("wall.damping_N_s_m: must be in 0..1000");
+    }
 }
 
 } // namespace
@@ -47,12 +61,16 @@ struct ArmPlant::World {
 
     void reset(const Eigen::Vector3d &q_rad);
     void step();
+    bool touch_wall();
     Eigen::Vector3d link_rates_rad_s() const;
     void track_angles();
 
     ArmPlantConfig config;
     std::unique_ptr<dxWorld, WorldDelete> world; // owns bodies and joints
+    std::unique_ptr<dxJointGroup, JointGroupDelete> contacts;
     std::array<dBodyID, links> body{};
+    dContact contact{}; ///< of the hand's end with the wall: all but place and depth
+    dJointFeedback contact_force{};
 
     Eigen::Vector3d link_angle_rad = Eigen::Vector3d::Zero(); ///< from +x, never wrapped
     Eigen::Vector3d link_rate_rad_s = Eigen::Vector3d::Zero();
@@ -63,6 +81,7 @@ struct ArmPlant::World {
     Eigen::Vector2d external_force_N = Eigen::Vector2d::Zero();
     Eigen::Vector3d tau_before_Nm = Eigen::Vector3d::Zero();
     Eigen::Vector2d external_force_before_N = Eigen::Vector2d::Zero();
+    Eigen::Vector2d wall_force_N = Eigen::Vector2d::Zero(); ///< of the wall on the hand
 };
 
 ArmPlant::World::World(const ArmPlantConfig &plant_config)
@@ -95,6 +114,36 @@ ArmPlant::World::World(const ArmPlantConfig &plant_config)
         dJointSetHingeAxis(hinge, 0.0, 0.0, 1.0);
         shoulder_m += length_m;
     }
+
+    const WallConfig &wall = config.wall;
+    if (wall.present()) {
+        contacts.reset(dJointGroupCreate(0));
+        const double implicit_damping = config.step_s * wall.stiffness_N_m + wall.damping_N_s_m;
+        contact.surface.mode = dContactSoftERP | dContactSoftCFM;
+        contact.surface.soft_erp = config.step_s * wall.stiffness_N_m / implicit_damping;
+        contact.surface.soft_cfm = 1.0 / implicit_damping;
+        contact.geom.normal[0] = std::cos(wall.normal_rad);
+        contact.geom.normal[1] = std::sin(wall.normal_rad);
+    }
+}
+
+/// Puts a contact joint where the hand's end is behind the wall's surface.
+bool ArmPlant::World::touch_wall() {
+    dVector3 end_m;
+    dBodyGetRelPointPos(body[2], config.length_m[2] / 2.0, 0.0, 0.0, end_m);
+    const WallConfig &wall = config.wall;
+    const dReal *normal = contact.geom.normal;
+    contact.geom.depth =
+        (wall.point_m.x() - end_m[0]) * normal[0] + (wall.point_m.y() - end_m[1]) * normal[1];
+    if (!(contact.geom.depth > 0.0)) {
+        return false;
+    }
+    contact.geom.pos[0] = end_m[0];
+    contact.geom.pos[1] = end_m[1];
+    const dJointID joint = dJointCreateContact(world.get(), contacts.get(), &contact);
+    dJointAttach(joint, body[2], nullptr);
+    dJointSetFeedback(joint, &contact_force);
+    return true;
 }
 
 void ArmPlant::World::reset(const Eigen::Vector3d &q_rad) {
@@ -123,6 +172,7 @@ void ArmPlant::World::reset(const Eigen::Vector3d &q_rad) {
     external_force_N.setZero();
     tau_before_Nm.setZero();
     external_force_before_N.setZero();
+    wall_force_N.setZero();
 }
 
 /// Reads the links' angles off their rotation and continues them across a full turn.
@@ -160,7 +210,15 @@ void ArmPlant::World::step() {
         dBodyAddForceAtRelPos(body[2], force_N.x(), force_N.y(), 0.0, config.length_m[2] / 2.0, 0.0,
                               0.0);
     }
+    const bool touching = config.wall.present() && touch_wall();
     dWorldStep(world.get(), config.step_s);
+    if (config.wall.present()) {
+        wall_force_N.setZero();
+        if (touching) {
+            wall_force_N << contact_force.f1[0], contact_force.f1[1];
+            dJointGroupEmpty(contacts.get());
+        }
+    }
 
     link_rate_before_rad_s = link_rate_rad_s;
     for (std::size_t i = 0; i < links; ++i) {
@@ -216,6 +274,9 @@ ArmPlantState ArmPlant::state() const {
         state.hand_m_s += length_m * rate[i] * Eigen::Vector2d(-along.y(), along.x());
     }
     state.wrench_N = -world.external_force_N;
+    if (world.config.wall.present()) {
+        state.wrench_N -= world.wall_force_N;
+    }
     return state;
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "hpmc/fic.h"
+#include "plant/arm_plant.h"
 
 namespace test {
 
@@ -28,5 +29,18 @@ struct ClosedLoopRun {
 
 /// The clock experiment once; offset_inc: start offset of the joints in encoder increments.
 ClosedLoopRun run_clock(hpmc::PhaseRule phase_rule, const Eigen::Vector3d &offset_inc);
+
+/// A hand held against a wall for 2 s; forces along the normal, into the wall.
+struct Press {
+    double peak_N;
+    double rest_N;       ///< mean over the last 0.5 s
+    double rest_depth_m; ///< of the hand in the surface, mean over the last 0.5 s
+    int breaks;          ///< the hand left the surface
+    int late_breaks;     ///< later than 0.3 s after it first touched
+};
+
+/// From rest at home to a target behind the wall. The host is given wrench_gain times the measured
+/// wrench: 1 is the rig, 0 a rig without the sensor, -1 one with the sensor the wrong way round.
+Press press_wall(const hpmc::WallConfig &wall, const Eigen::Vector2d &target_m, double wrench_gain);
 
 } // namespace test

@@ -366,14 +366,35 @@ TEST_CASE("NODE_STATUS comes every 10 periods, and with an emergency at once") {
     CHECK(status.emcy_count == 1);
 }
 
+TEST_CASE("with pipeline 2 SYNC goes first, then what is made in the same cycle") {
+    NodeBench bench(test::clock_config({"bus.pipeline=2"}));
+    REQUIRE(bench.step_to(RunPhase::approach));
+    for (int i = 0; i < 300; ++i) {
+        bench.step();
+        REQUIRE(bench.output.frame_count >= 1 + kJoints);
+        CHECK(bench.output.frames[0].id == 0x080);
+        CHECK(bench.sent(0x080) == 1);
+    }
+    bench.cycle.request_stop();
+    bench.step();
+    CHECK(bench.output.frames[0].id == 0x080);
+    for (unsigned node = 1; node <= kJoints; ++node) {
+        CHECK(bench.sent(0x300 + node) == 1);
+        CHECK(bench.sent(0x200 + node) == 0);
+    }
+    for (int i = 0; i < 400 && !bench.output.finished; ++i) {
+        bench.step();
+    }
+    CHECK(bench.output.finished);
+    CHECK(bench.cycle.fault().empty());
+}
+
 TEST_CASE("a delayed command is the one of so many periods ago") {
+    // What acts in the nodes at this period's SYNC.
     const auto commanded = [](const NodeBench &bench) {
         std::vector<std::vector<int>> data;
-        for (std::size_t i = 0; i < bench.output.frame_count; ++i) {
-            const can_frame_t &f = bench.output.frames[i];
-            if ((f.id & 0x780) == 0x200) {
-                data.emplace_back(f.data, f.data + 8);
-            }
+        for (const motor_node_t &node : bench.nodes) {
+            data.push_back({node.od.target_position, node.od.target_torque, node.od.max_torque});
         }
         return data;
     };
@@ -425,7 +446,7 @@ void step_until(NodeBench &bench, std::int64_t period) {
 
 } // namespace
 
-TEST_CASE("a target from outside acts until the schedule's next change of target") {
+TEST_CASE("a target from outside acts until the next reach begins") {
     NodeBench bench(short_reaches());
     step_until(bench, 1010);
     const Eigen::Vector2d scheduled = x_t(bench);

@@ -274,6 +274,21 @@ TEST_CASE("targets out of reach are refused, with target, place and what can be 
     CHECK(contains(far, "0.013 to 0.551 m"));
     const std::string home = complaint({"experiment.centre_m=[0.6, 0.3]"});
     CHECK(home.find("experiment.centre_m: target 0 at (0.600, 0.300) m is out of reach") == 0);
+    // Only targets that are visited count; the eight is tried all along.
+    CHECK(complaint({"experiment.radius_m=0.27", "experiment.reaches=16"}) == far);
+    const std::string centre = "experiment.centre_m=[0.2, 0.3]";
+    CHECK(complaint({centre, "experiment.radius_m=0.2", "experiment.reaches=2"}).empty());
+    CHECK(contains(complaint({centre, "experiment.radius_m=0.2"}), "target 2 at"));
+    CHECK(contains(complaint({"experiment.path=figure_of_eight", "experiment.centre_m=[0.5, 0.0]"}),
+                   "m is out of reach"));
     // The wrist, not the hand, is what must be reached: the hand points away from it.
     CHECK(complaint({"experiment.centre_m=[0.1, 0.0]", "experiment.radius_m=0.05"}).empty());
+}
+
+TEST_CASE("a run begins in front of the wall") {
+    const std::string behind = "wall.point_m: home (experiment.centre_m) must be at least 0.001 m";
+    CHECK(complaint({"wall.surface=plane"}).empty());
+    CHECK(complaint({"wall.surface=plane", "wall.normal_rad=0"}).find(behind) == 0);
+    CHECK(complaint({"wall.surface=plane", "wall.point_m=[0.3005, 0.0]"}).find(behind) == 0);
+    CHECK(complaint({"wall.surface=none", "wall.point_m=[0.3005, 0.0]"}).empty());
 }

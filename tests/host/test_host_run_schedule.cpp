@@ -69,6 +69,69 @@ TEST_CASE("periods of other lengths") {
     CHECK(schedule.at(1700).reach == 1);
 }
 
+TEST_CASE("fewer reaches end where the clock would go on") {
+    const RunSchedule schedule(
+        test::clock_config({"experiment.reaches=3", "experiment.repetitions=2"}));
+    CHECK(schedule.periods_per_repetition() == 1000 + 3 * 1000 + 250);
+    CHECK(schedule.at(3999).reach == 2);
+    CHECK(schedule.at(3999).target == 2);
+    CHECK(schedule.at(4000).stopping);
+    CHECK(schedule.at(4250).repetition == 1);
+    CHECK(schedule.at(4250 + 1000).reach == 0);
+}
+
+TEST_CASE("targets are numbered without a gap, through repetitions and on every path") {
+    for (const std::vector<std::string> &overrides :
+         {std::vector<std::string>{},
+          {"experiment.path=figure_of_eight", "experiment.reaches=2"},
+          {"experiment.path=figure_of_eight", "experiment.waypoint_s=0.03",
+           "experiment.reaches=3"}}) {
+        CAPTURE(overrides.size());
+        std::vector<std::string> all{"experiment.period_s=0.5", "experiment.repetitions=2"};
+        all.insert(all.end(), overrides.begin(), overrides.end());
+        const RunSchedule schedule(test::clock_config(all));
+        std::int64_t next = 0;
+        for (std::int64_t period = 0; period < 2 * schedule.periods_per_repetition(); ++period) {
+            const SchedulePoint point = schedule.at(period);
+            if (point.target_changes) {
+                REQUIRE(point.target_seq == next++);
+            } else if (point.reach >= 0) {
+                REQUIRE(point.x_t_m == schedule.at(period - 1).x_t_m);
+            }
+            REQUIRE((!point.reach_begins || point.target_changes));
+        }
+        CHECK(next > 0);
+    }
+}
+
+TEST_CASE("the eight: through home, as high as the radius says, half as wide, by waypoints") {
+    const RunSchedule schedule(test::clock_config(
+        {"experiment.path=figure_of_eight", "experiment.period_s=4", "experiment.reaches=2",
+         "experiment.waypoint_s=0.02", "experiment.radius_m=0.08"}));
+    CHECK(schedule.periods_per_repetition() == 1000 + 2 * 4000 + 250);
+    const Eigen::Vector2d home_m(0.3, 0.0);
+    Eigen::Vector2d low = home_m;
+    Eigen::Vector2d high = home_m;
+    int changes = 0;
+    for (std::int64_t period = 1000; period < 9000; ++period) {
+        const SchedulePoint point = schedule.at(period);
+        low = low.cwiseMin(point.x_t_m);
+        high = high.cwiseMax(point.x_t_m);
+        changes += point.target_changes ? 1 : 0;
+        REQUIRE(point.target == 0);
+        REQUIRE(point.reach == (period - 1000) / 4000);
+        // No jump: the eight is at most (0.08, 0.08) m times the angle of a waypoint long.
+        REQUIRE((point.x_t_m - schedule.at(period - 1).x_t_m).norm() <
+                0.08 * M_SQRT2 * 2.0 * M_PI * 20.0 / 4000.0);
+    }
+    CHECK(changes == 2 * 200);
+    CHECK((low - home_m - Eigen::Vector2d(-0.04, -0.08)).norm() < 1e-4);
+    CHECK((high - home_m - Eigen::Vector2d(0.04, 0.08)).norm() < 1e-4);
+    CHECK(schedule.at(1000).x_t_m == home_m);
+    CHECK((schedule.at(3000).x_t_m - home_m).norm() < 1e-12);
+    CHECK(schedule.at(9000).x_t_m == home_m);
+}
+
 TEST_CASE("start poses: home with the paper's posture, each joint off by at most one increment") {
     const RunConfig config = test::clock_config();
     const PlanarArm arm(config.hpmc.arm);

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from rigrun import SHORT, Run, run_rig
 
+from hpmc.layout import CONFIG
+
 
 def test_sil_and_vcan_are_one_run(sil: Run, vcan: Run) -> None:
     assert len(sil.states()) == 17250
@@ -53,6 +55,16 @@ def test_joints_at_5_khz_on_the_bus(short_fast: Run, runs: Path) -> None:
 
 def test_joints_at_5_khz_are_another_run(short_fast: Run, short_sil: Run) -> None:
     assert short_fast.states()[::5] != short_sil.states()
+
+
+def test_a_press_against_the_wall_on_the_bus(runs: Path) -> None:
+    wall = ("--config", str(CONFIG / "wall.toml"), "--set", "experiment.reaches=1",
+            "--set", "experiment.period_s=0.9")  # fmt: skip
+    alone = run_rig("--mode", "sil", *wall, folder=runs / "wall_sil")
+    on_bus = run_rig(*wall, folder=runs / "wall_vcan")
+    assert on_bus.log().column("HAND_WRENCH", "wrench_N")[:, 0].max() > 10.0
+    assert on_bus.states() == alone.states()
+    assert "residual at worst" in on_bus.said
 
 
 # --- repetitions ---------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from hpmc.layout import CONFIG, PROGRAMS
 
 
 def test_experiments_are_the_files_of_the_folder() -> None:
-    assert experiments() == ["clock"]
+    assert experiments() == ["clock", "figure_of_eight", "wall"]
 
 
 def test_values_are_those_of_the_file() -> None:
@@ -20,6 +20,19 @@ def test_values_are_those_of_the_file() -> None:
     assert configuration.values == tomllib.loads((CONFIG / "clock.toml").read_text())
     assert tomllib.loads(configuration.toml) == configuration.values
     assert (configuration.repetitions, configuration.seed) == (1, 1)
+
+
+def test_other_experiments_say_what_differs_from_the_clock() -> None:
+    clock = load_configuration("clock").values
+    for name in experiments():
+        own = tomllib.loads((CONFIG / f"{name}.toml").read_text())
+        expected = {section: keys | own.get(section, {}) for section, keys in clock.items()}
+        assert load_configuration(name).values == expected
+
+
+def test_an_unknown_experiment_is_said_so() -> None:
+    with pytest.raises(ConfigurationError, match=r"no experiment 'watch' .choose from clock, "):
+        load_configuration("watch")
 
 
 def test_derived_facts() -> None:

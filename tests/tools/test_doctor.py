@@ -31,6 +31,7 @@ class MadeUpMachine(doctor.Machine):
         self.files = {Path("/proc/sys/net/core/rmem_max"): "16777216\n"}
         self.modules = [Path("vcan.ko")]
         self.cores, self.free, self.sleeps = 2, 50_000_000_000, [1.06] * 300
+        self.tick_ms: float | None = 0.12
 
     def run(self, *command: str, limit_s: float = 10.0) -> Answer:
         tool = Path(command[0]).name
@@ -59,6 +60,9 @@ class MadeUpMachine(doctor.Machine):
     def wakeups_ms(self) -> list[float]:
         return self.sleeps
 
+    def lockstep_tick_ms(self) -> float | None:
+        return self.tick_ms
+
 
 @pytest.fixture
 def machine() -> MadeUpMachine:
@@ -79,6 +83,18 @@ def test_where_all_is_well_nothing_is_to_be_fixed(machine: MadeUpMachine) -> Non
     assert {finding.status for finding in findings.values()} == {"ok"}
     assert {finding.fix for finding in findings.values()} == {None}
     assert modes == {"sil": "native", "vcan": "native"} and status == 0
+
+
+@pytest.mark.parametrize(
+    ("tick_ms", "words"), [(0.7, "0.70 ms over vcan"), (None, "not measured: no run")]
+)
+def test_a_slow_or_unknown_lockstep_tick_is_a_note(
+    machine: MadeUpMachine, tick_ms: float | None, words: str
+) -> None:
+    machine.tick_ms = tick_ms
+    findings, _, status = examine(machine)
+    assert findings["lockstep tick"].status == "note" and words in findings["lockstep tick"].detail
+    assert findings["lockstep tick"].fix is not None and status == 0
 
 
 def test_user_mode_linux_stands_in_for_a_kernel_without_can(machine: MadeUpMachine) -> None:

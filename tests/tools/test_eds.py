@@ -151,7 +151,7 @@ def test_python_canopen_reads_it_without_a_warning(caplog: pytest.LogCaptureFixt
         warnings.simplefilter("error")
         dictionary = canopen.import_od(str(EDS), node_id=3)
     assert caplog.records == []
-    assert len(dictionary) == 3 + 57 + 12
+    assert len(dictionary) == 3 + 57 + 14
     assert dictionary[0x1400][1].default == 0x203
     assert dictionary.device_information.nr_of_RXPDO == 3
 

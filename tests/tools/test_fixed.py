@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from test_rig import Rig, of
 
+from hpmc.layout import WITH_VCAN
+
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware"
 CORES = ("cortex-m3", "cortex-m0plus")
@@ -137,6 +139,21 @@ def test_the_log_names_the_numbers(tmp_path: Path) -> None:
         run_clock(tmp_path, "--log", "states", numbers=numbers)
         info = next(LcmLog(tmp_path / numbers / "run.lcmlog").messages("RUN_INFO"))
         assert info["build"].endswith(f"joint controllers in {numbers}")
+
+
+def test_a_client_drives_the_node(tmp_path: Path) -> None:
+    """`./rig node --fixed` on a bus: states, modes 10 and -1, by python-canopen."""
+    client = ROOT / "tests" / "rig" / "client"
+    build = ROOT / "build" / "host-fixed"
+    done = subprocess.run(
+        [str(WITH_VCAN), sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider",
+         "--color=no", "-o", "faulthandler_timeout=60", str(client / "test_drive.py"),
+         "-k", "mode_10 or follows_a_command"],
+        cwd=ROOT, env=os.environ | {"HPMC_CLIENT_CAPTURE": str(tmp_path / "candump.log"),
+                                    "PYTHONPATH": str(ROOT / "tools"), "HPMC_BUILD": str(build)},
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and "2 passed" in done.stdout, done.stdout + done.stderr
 
 
 def test_fixed_with_the_float_programs_is_refused(tmp_path: Path) -> None:

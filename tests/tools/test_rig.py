@@ -211,6 +211,23 @@ def test_run_hands_its_arguments_over_in_a_fixed_environment(rig: Rig) -> None:
     assert f"GLIBC_TUNABLES={tunables()}" in environment
 
 
+def test_a_script_gets_its_own_options_where_it_was_called(rig: Rig) -> None:
+    rig.fake("python", FAKE_PYTHON + 'pwd >"$FAKES/folder"', rig.folder / "build/venv/bin/python")
+    status, output, calls = rig.run("python", "my script.py", "--fixed", "-x")
+    assert status == 0, output
+    assert of("python", calls)[-1] == "my script.py --fixed -x"
+    assert (rig.fakes / "folder").read_text().strip() == str(Path.cwd())
+    environment = (rig.fakes / "python-environment").read_text().splitlines()
+    assert f"HPMC_BUILD={rig.folder}/build/host" in environment
+    assert "GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-FMA4" in environment
+    assert any(line.startswith(f"PYTHONPATH={rig.folder}/tools:") for line in environment)
+
+    _, _, calls = rig.run("python", "--fixed", "script.py")
+    assert of("python", calls)[-1] == "script.py"
+    environment = (rig.fakes / "python-environment").read_text().splitlines()
+    assert f"HPMC_BUILD={rig.folder}/build/host-fixed" in environment
+
+
 def test_a_failed_build_shows_the_compilers_words(rig: Rig) -> None:
     rig.run("build")
     rig.set("cmake-broken")

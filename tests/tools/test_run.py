@@ -37,7 +37,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 BAD = [
-    (["--mode", "hil"], "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan')"),
+    (["--mode", "hil"],
+     "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan', 'emulated')"),
     (["--sensors", "none"], "argument --sensors: invalid choice"),
     (["--pace", "fast"], "argument --pace: invalid choice"),
     (["--log", "all"], "argument --log: invalid choice"),
@@ -92,7 +93,7 @@ def test_the_experiment_is_asked_for(folder: Path, capsys: pytest.CaptureFixture
     assert run_command.main([]) == 2 and run_command.main(["watch"]) == 2
     missing, unknown = capsys.readouterr().err.splitlines()
     assert "required: experiment" in missing
-    assert "'watch' (choose from 'clock')" in unknown
+    assert "'watch' (choose from 'clock', 'figure_of_eight', 'wall')" in unknown
 
 
 def test_the_output_folder_must_be_new_or_empty(

@@ -11,6 +11,8 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ WITH_VCAN = str(Path(__file__).parents[2] / "tools" / "with-vcan")
 UML = [WITH_VCAN, "--uml"]
 PYTHON = ["/usr/bin/python3", "-IS", "-c"]
 LIMIT_S = 30
+UNENDING = "test_what_does_not_end_is_killed"
 LEAST_PRIVILEGED = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
 
 EXCHANGE = """
@@ -54,6 +57,19 @@ for _ in range(2):
         data += more
     connection.sendall(data[::-1])
     connection.close()
+"""
+
+SEND_AND_GO = """
+import socket
+listener = socket.create_server(("127.0.0.1", {port}))
+print("listening", flush=True)
+connection, _ = listener.accept()
+connection.setblocking(False)
+try:
+    while connection.send(bytes(65536)):
+        pass
+except BlockingIOError:
+    pass
 """
 
 UNTIL_SIGNAL = """
@@ -140,6 +156,41 @@ def sandbox() -> Iterator[str]:
 
 def join(name: str) -> list[str]:
     return [WITH_VCAN, "--join", name]
+
+
+@dataclass
+class Ending:
+    """A command that was told to end: what came of it, and when."""
+
+    after_s: float
+    status: int
+    words: bytes
+
+
+@pytest.fixture(scope="module", autouse=True)
+def unending(request: pytest.FixtureRequest, sandbox: str) -> Iterator[dict[str, Any]]:
+    """What takes with-vcan 10 and 15 s to end, begun here: the other tests run meanwhile."""
+    if not any(item.name == UNENDING for item in request.session.items):
+        yield {}
+        return
+    stopped = start(*UML, "sh", "-c", "echo on; sleep 1000")
+    deaf = start(*join(sandbox), "sh", "-c", "trap '' TERM; echo on; while :; do sleep 1; done")
+    for process in (stopped, deaf):
+        assert process.stdout is not None and process.stdout.readline() == b"on\n"
+    family = children_of(stopped.pid)
+    for pid in family:
+        if Path(f"/proc/{pid}/comm").read_text().startswith("linux"):
+            os.kill(pid, signal.SIGSTOP)
+    begin = time.monotonic()
+
+    def end(process: subprocess.Popen[bytes]) -> Ending:
+        process.terminate()
+        words = process.communicate(timeout=LIMIT_S)[1]
+        return Ending(time.monotonic() - begin, process.returncode, words)
+
+    with ThreadPoolExecutor() as pool:
+        ends = {"stopped": pool.submit(end, stopped), "deaf": pool.submit(end, deaf)}
+        yield {"family": family, **ends}
 
 
 def test_frames_pass_between_two_processes() -> None:
@@ -251,27 +302,6 @@ def test_a_signal_lets_the_command_end_in_order(sandbox: str, number: signal.Sig
     assert process.returncode == 9
 
 
-def test_what_does_not_end_is_killed(sandbox: str) -> None:
-    """A command that ignores SIGTERM after 10 s, a sandbox that does not answer after 15 s."""
-    stopped = start(*UML, "sh", "-c", "echo on; sleep 1000")
-    deaf = start(*join(sandbox), "sh", "-c", "trap '' TERM; echo on; while :; do sleep 1; done")
-    for process in (stopped, deaf):
-        assert process.stdout is not None and process.stdout.readline() == b"on\n"
-    family = children_of(stopped.pid)
-    for pid in family:
-        if Path(f"/proc/{pid}/comm").read_text().startswith("linux"):
-            os.kill(pid, signal.SIGSTOP)
-    for process in (stopped, deaf):
-        process.terminate()
-    with pytest.raises(subprocess.TimeoutExpired):
-        deaf.wait(5)
-    assert deaf.wait(LIMIT_S) == 128 + signal.SIGKILL
-    message = b"with-vcan: the sandbox does not answer: it was killed\n"
-    assert stopped.communicate(timeout=LIMIT_S)[1] == message
-    assert stopped.returncode == 125
-    assert not alive(family)
-
-
 def test_written_files_are_on_the_host_at_the_end(sandbox: str, tmp_path: Path) -> None:
     script = "seq 100000 > closed; exec 3> open; echo data >&3; setsid sleep 1000 &"
     assert run(*join(sandbox), "sh", "-c", script, cwd=tmp_path).returncode == 0
@@ -298,6 +328,15 @@ def test_forward_serves_a_port_of_the_sandbox() -> None:
             answer = b"".join(iter(lambda: connection.recv(65536), b""))
         assert answer == data[::-1]
     process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0
+
+
+def test_a_connection_that_nobody_reads_does_not_hold_the_sandbox() -> None:
+    port = free_port()
+    process = start(*UML, "--forward", str(port), *PYTHON, SEND_AND_GO.format(port=port))
+    assert process.stdout is not None and process.stdout.readline() == b"listening\n"
+    with socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S):
+        process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0
 
 
@@ -411,3 +450,14 @@ wait $first; echo status $?
 """
     result = run(*join(sandbox), "sh", "-c", script)
     assert result.stdout.split() == b"up vcan0 321 [1] CC status 0 status 143".split()
+
+
+def test_what_does_not_end_is_killed(unending: dict[str, Any]) -> None:
+    """A command that ignores SIGTERM after 10 s, a sandbox that does not answer after 15 s."""
+    deaf: Ending = unending["deaf"].result()
+    assert deaf.after_s > 5.0
+    assert deaf.status == 128 + signal.SIGKILL
+    stopped: Ending = unending["stopped"].result()
+    assert stopped.words == b"with-vcan: the sandbox does not answer: it was killed\n"
+    assert stopped.status == 125
+    assert not alive(unending["family"])

@@ -246,6 +246,50 @@ void test_injected_sensors(void) {
     TEST_ASSERT_EQUAL_INT16(300, rig.node.od.motor_temperature);
 }
 
+void test_a_reference_belongs_to_its_sensor(void) {
+    rig.config.referenced = false;
+    motor_node_init(&rig.config, &rig.node);
+    rig_start();
+    TEST_ASSERT_FALSE(rig.node.referenced);
+    rig.node.offset_inc = 100; /* homed */
+    rig.node.referenced = true;
+    rig_write(0x2F00, 0, 1, 0); /* the same again */
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.referenced);
+    TEST_ASSERT_EQUAL_INT32(5100, rig.node.od.position_actual_value);
+    rig_write(0x2F00, 0, 1, 1);
+    rig_inject(777, 1, 0);
+    rig_step();
+    TEST_ASSERT_TRUE(rig.node.referenced); /* injected positions are absolute */
+    TEST_ASSERT_EQUAL_INT32(777, rig.node.od.position_actual_value);
+    rig_write(0x2F00, 0, 1, 0);
+    rig_step();
+    TEST_ASSERT_FALSE(rig.node.referenced);
+    TEST_ASSERT_EQUAL_INT32(5000, rig.node.od.position_actual_value);
+}
+
+void test_a_restart_keeps_what_belongs_to_the_bench(void) {
+    rig.config.supervisor_reset = true;
+    rig_write(0x2F00, 0, 1, 1);
+    rig_write(0x2F01, 0, 1, 1);
+    rig_step();
+    rig_step();
+    motor_node_restart(&rig.config, &rig.node);
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.sensor_source);
+    TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.time_base);
+    TEST_ASSERT_TRUE(rig.node.referenced);
+    TEST_ASSERT_FALSE(rig.node.position_known);
+    TEST_ASSERT_FALSE(rig.config.supervisor_reset); /* reported once */
+}
+
+void test_frames_that_the_port_has_lost_are_counted(void) {
+    rig.input.frames_lost = 3;
+    rig_step();
+    rig.input.frames_lost = UINT32_MAX;
+    rig_step();
+    TEST_ASSERT_EQUAL_UINT16(UINT16_MAX, rig.node.od.counters_frames_not_read);
+}
+
 void test_injected_sensors_are_refused_unless_chosen(void) {
     rig_start();
     rig_inject(777, 1, 0);
@@ -386,6 +430,68 @@ void test_cyclic_synchronous_torque(void) {
     rig_step();
     TEST_ASSERT_EQUAL_INT16(1000, torque_mNm());
     TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_TORQUE_MAX, rig.node.od.limit_reasons);
+}
+
+void test_torque_slope_in_cyclic_synchronous_torque(void) {
+    rig_start();
+    rig_write(0x6087, 0, 4, 100000); /* 100 mN m in 1 ms */
+    rig_control(0x06, 10);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycle();
+    rig_cycles(101); /* 3 N m */
+    for (int16_t torque = 2900; torque > -1500; torque -= 100) {
+        rig_command(0, -1450, 4000);
+        rig_sync();
+        rig_step();
+        TEST_ASSERT_EQUAL_INT16(torque, torque_mNm());
+        TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_TORQUE_SLOPE, rig.node.od.limit_reasons);
+    }
+    rig_command(0, -1450, 4000);
+    rig_sync();
+    rig_step();
+    TEST_ASSERT_EQUAL_INT16(-1450, torque_mNm());
+    TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.limit_reasons);
+}
+
+void test_torque_slope_is_off_in_mode_fractal_impedance(void) {
+    rig_write(0x6087, 0, 4, 1000);
+    rig_run();
+    rig.desired_inc = 5300;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(4000, torque_mNm());
+    TEST_ASSERT_EQUAL_HEX16(0, rig.node.od.limit_reasons);
+    rig.desired_inc = 4700;
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(-4000, torque_mNm());
+}
+
+void test_torque_slope_starts_from_zero_after_a_stop(void) {
+    rig_start();
+    rig_write(0x6087, 0, 4, 10000);
+    rig_control(0x06, 10);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycles(200);
+    TEST_ASSERT_INT_WITHIN(10, 1990, torque_mNm());
+    rig_control(0x00, 0); /* disable voltage: torque off at once */
+    rig_cycle();
+    TEST_ASSERT_EQUAL_INT16(0, torque_mNm());
+    rig_control(0x06, 0);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    rig_cycles(11);
+    TEST_ASSERT_EQUAL_INT16(100, torque_mNm());
+}
+
+void test_torque_slope_has_a_range(void) {
+    rig_start();
+    rig_write(0x6087, 0, 4, 999);
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_TOO_LOW, rig_abort());
+    rig_write(0x6087, 0, 4, 1000);
+    rig_step();
+    TEST_ASSERT_EQUAL_HEX32(0, rig_abort());
 }
 
 void test_change_of_mode_starts_from_zero_again(void) {

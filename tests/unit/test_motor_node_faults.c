@@ -641,6 +641,15 @@ void test_enabling_on_the_internal_oscillator_is_refused(void) {
     TEST_ASSERT_EQUAL_HEX16(LIMIT_REASON_CLOCK, rig.node.od.limit_reasons);
 }
 
+void test_the_internal_oscillator_does_not_matter_to_a_stepped_node(void) {
+    rig.config.clock_fallback = true;
+    motor_node_init(&rig.config, &rig.node);
+    rig_write(0x2F01, 0, 1, 1);
+    rig_start();
+    rig_enable();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+}
+
 /* --- a fault is latched until fault reset */
 
 void test_fault_is_latched_until_reset(void) {

@@ -157,6 +157,35 @@ static void expect_home_fails(int32_t encoder_inc, int32_t index_inc, uint32_t h
     TEST_ASSERT_EQUAL_INT32(encoder_inc, rig.node.od.position_actual_value);
 }
 
+static void expect_home_at_the_end(int32_t end_inc, int32_t step_inc) {
+    setUp();
+    rig.input.position_inc = -step_inc * 100;
+    rig_write(0x6098, 0, 1, 37);
+    rig_write(0x607C, 0, 4, (uint32_t)end_inc);
+    rig_start();
+    rig_control(0x06, 6);
+    rig_cycle();
+    rig_control(0x0F, 0);
+    for (int i = 0; i < 15; i++) { /* the speed's interval has begun further inside the range */
+        rig.input.position_inc += step_inc;
+        rig_cycle();
+    }
+    rig_control(0x1F, 0);
+    rig_cycle();
+    TEST_ASSERT_TRUE(rig.node.referenced);
+    TEST_ASSERT_EQUAL_INT32(end_inc, rig.node.od.position_actual_value);
+    for (int i = 0; i < 30; i++) {
+        rig_cycle();
+        TEST_ASSERT_EQUAL_HEX16(0, rig_emergency()); /* no overspeed out of a number that wrapped */
+        TEST_ASSERT_EQUAL_INT32(end_inc, rig.node.od.position_actual_value);
+    }
+}
+
+void test_home_at_an_end_of_the_range(void) {
+    expect_home_at_the_end(INT32_MIN, 10);
+    expect_home_at_the_end(INT32_MAX, -10);
+}
+
 void test_no_end_of_the_range_is_passed_by_homing(void) {
     expect_home_fails(-5000, -100, INT32_MAX);   /* offset */
     expect_home_fails(5000, 100, 0x80000000U);   /* offset */

@@ -103,6 +103,8 @@ void test_the_guard_takes_any_torque(void) {
             .f_max_Nm = INT32_MIN,
             .position_min_inc = INT32_MIN,
             .position_max_inc = INT32_MAX,
+            .slope_mNm_s = TORQUE_GUARD_SLOPE_OFF,
+            .motor = {.temperature_end_dC = 1},
         };
         const int16_t expected = torque_to_mNm(ends[i]);
         TEST_ASSERT_EQUAL_INT16(expected, torque_guard(&input).torque_mNm);

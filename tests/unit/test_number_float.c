@@ -12,12 +12,14 @@ void setUp(void) {
     const float zero = 0.0f;
     const torque_guard_input_t free_motion = {
         .torque_Nm = 3.0f,
+        .slope_mNm_s = TORQUE_GUARD_SLOPE_OFF,
         .torque_limit_Nm = 20.0f,
         .ramp_ppm = TORQUE_GUARD_RAMP_FULL,
         .torque_max_Nm = 8.0f,
         .f_max_Nm = 2.0f,
         .position_min_inc = -1000,
         .position_max_inc = 1000,
+        .motor = {.temperature_end_dC = 1},
     };
     nan_Nm = zero / zero;
     infinity_Nm = 1.0f / zero;
@@ -37,7 +39,7 @@ void test_not_a_number_leaves_as_zero(void) {
 
 void test_the_guard_takes_not_a_number_as_zero(void) {
     float *const values[] = {&input.torque_Nm, &input.torque_limit_Nm, &input.torque_max_Nm,
-                             &input.f_max_Nm};
+                             &input.f_max_Nm, &input.torque_before_Nm};
     for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
         setUp();
         *values[i] = nan_Nm;

@@ -225,3 +225,32 @@ void test_memory_that_fails(void) {
     fake.budget = SIZE_MAX;
     TEST_ASSERT_EQUAL_UINT16(7, load());
 }
+
+void test_damaged_is_what_is_neither_whole_nor_blank(void) {
+    TEST_ASSERT_FALSE(parameter_store_damaged(&memory)); /* erased */
+    memset(fake.bytes, 0, sizeof fake.bytes);
+    TEST_ASSERT_FALSE(parameter_store_damaged(&memory)); /* an emulator's empty flash */
+    memset(fake.bytes, 0xFF, sizeof fake.bytes);
+    TEST_ASSERT_TRUE(save(7));
+    TEST_ASSERT_FALSE(parameter_store_damaged(&memory));
+    fake.bytes[0][20] ^= 1U;
+    TEST_ASSERT_TRUE(parameter_store_damaged(&memory));
+    TEST_ASSERT_TRUE(save(8)); /* into copy 0: nothing is lost any more */
+    TEST_ASSERT_FALSE(parameter_store_damaged(&memory));
+    fake.bytes[1][0] = 0x55;
+    TEST_ASSERT_FALSE(parameter_store_damaged(&memory)); /* one copy is whole */
+}
+
+void test_the_serial_number_outlives_every_kind_of_save(void) {
+    static const parameter_source_t sources[] = {PARAMETER_STORE_VALUES, PARAMETER_STORE_KEPT,
+                                                 PARAMETER_STORE_DEFAULTS};
+    od.identity_object_serial_number = 0xCAFE1234U;
+    for (size_t i = 0; i < sizeof sources / sizeof sources[0]; i++) {
+        set(7);
+        TEST_ASSERT_TRUE(parameter_store_save(&memory, sources[i], &od, 7));
+        object_dictionary_init(2, &loaded);
+        TEST_ASSERT_TRUE(parameter_store_load(&memory, &loaded, &node_id));
+        TEST_ASSERT_EQUAL_HEX32(0xCAFE1234U, loaded.identity_object_serial_number);
+    }
+    TEST_ASSERT_NOT_EQUAL(7, loaded.producer_heartbeat_time); /* the last kind: defaults */
+}

@@ -2,10 +2,12 @@
 #include "unity.h"
 
 #include "fake_memory.h"
+#include "node/motor_node.h"
 
 typedef struct {
     fake_memory_t fake;
     size_t reads_left;
+    size_t fails_at; /* number of the one read that fails, from 1; 0 = none */
 } failing_memory_t;
 
 static failing_memory_t failing;
@@ -19,6 +21,12 @@ static bool read(void *context, uint8_t copy, size_t offset, uint8_t *data, size
         return false;
     }
     memory->reads_left--;
+    if (memory->fails_at != 0U) {
+        memory->fails_at--;
+        if (memory->fails_at == 0U) {
+            return false;
+        }
+    }
     return fake_read(&memory->fake, copy, offset, data, size);
 }
 
@@ -35,15 +43,16 @@ static bool write(void *context, uint8_t copy, size_t offset, const uint8_t *dat
 static const parameter_memory_t memory = {
     .context = &failing, .read = read, .erase = erase, .write = write};
 
-/* Makes the reads beyond the first ones fail; returns whether the stored set 7 was loaded. */
+/* Makes the reads beyond the first ones fail; returns whether the stored set 7 was loaded. A load
+ * that fails may leave a part of it: test_node_has_all_or_nothing. */
 static bool load_after(size_t reads) {
-    static object_dictionary_t defaults; /* with zeros between its fields, as all are */
-    object_dictionary_init(2, &defaults);
     object_dictionary_init(2, &loaded);
     node_id = 0;
     failing.reads_left = reads;
     const bool stored = parameter_store_load(&memory, &loaded, &node_id);
-    TEST_ASSERT_EQUAL_MEMORY(stored ? &od : &defaults, &loaded, sizeof loaded);
+    if (stored) {
+        TEST_ASSERT_EQUAL_MEMORY(&od, &loaded, sizeof loaded);
+    }
     TEST_ASSERT_EQUAL_UINT8(stored ? 7 : 0, node_id);
     return stored;
 }
@@ -53,6 +62,7 @@ void setUp(void) {
     failing.reads_left = SIZE_MAX;
     object_dictionary_init(2, &od);
     od.producer_heartbeat_time = 7; /* among the first of the set */
+    od.fic_q_a_urad = 7777;         /* in the middle */
     od.homing_method = 33;          /* among the last */
     TEST_ASSERT_TRUE(parameter_store_save(&memory, PARAMETER_STORE_VALUES, &od, 7));
 }
@@ -74,6 +84,26 @@ void test_load(void) {
     TEST_ASSERT_TRUE(load_after(needed));
 }
 
+void test_node_has_all_or_nothing(void) {
+    static motor_node_t node;
+    static object_dictionary_t defaults; /* with zeros between its fields, as all are */
+    const motor_node_config_t config = {.node_id = 2, .serial_number = 5, .memory = &memory};
+    const uint32_t heartbeat = 7;
+    size_t whole = 0;
+    object_dictionary_init(2, &defaults);
+    /* A start loads three times: the node-id, all values, and those of the communication. */
+    for (size_t reads = 0; reads < 5U * reads_of_a_load(); reads++) {
+        failing.reads_left = reads;
+        motor_node_init(&config, &node);
+        const bool first = node.od.producer_heartbeat_time == heartbeat;
+        const bool last = node.od.homing_method == 33;
+        TEST_ASSERT_TRUE(first ? last : true); /* communication is loaded last */
+        TEST_ASSERT_TRUE(node.od.fic_q_a_urad == defaults.fic_q_a_urad || last);
+        whole += first && last ? 1U : 0U;
+    }
+    TEST_ASSERT_TRUE(whole > 0U);
+}
+
 void test_save_of_another_node_id(void) {
     const size_t values = (reads_of_a_load() - 3U) / 2U;
     for (size_t copied = 0; copied < values; copied++) {
@@ -89,6 +119,28 @@ void test_save_of_another_node_id(void) {
     TEST_ASSERT_TRUE(parameter_store_load(&memory, &loaded, &node_id));
     TEST_ASSERT_EQUAL_UINT8(9, node_id);
     TEST_ASSERT_EQUAL_MEMORY(&od, &loaded, sizeof od);
+}
+
+/* The read with this number fails, the ones before and after it do not. */
+static bool save_with_a_failing_read(size_t number, parameter_source_t source) {
+    failing.fails_at = number;
+    const bool saved = parameter_store_save(&memory, source, &od, 9);
+    failing.fails_at = 0;
+    return saved;
+}
+
+void test_an_unreadable_copy_is_not_written_over(void) {
+    const size_t values = (reads_of_a_load() - 3U) / 2U;
+    const size_t inspected = values + 3U;
+    for (size_t number = 1; number <= inspected; number++) {
+        const size_t budget = failing.fake.budget;
+        TEST_ASSERT_FALSE(save_with_a_failing_read(number, PARAMETER_STORE_VALUES));
+        TEST_ASSERT_FALSE(save_with_a_failing_read(number, PARAMETER_STORE_KEPT));
+        TEST_ASSERT_FALSE(save_with_a_failing_read(number, PARAMETER_STORE_DEFAULTS));
+        TEST_ASSERT_TRUE(failing.fake.budget == budget); /* nothing erased */
+        TEST_ASSERT_TRUE(load_after(SIZE_MAX));
+    }
+    TEST_ASSERT_TRUE(save_with_a_failing_read(inspected + 1U, PARAMETER_STORE_VALUES));
 }
 
 void test_save_that_cannot_erase_keeps_the_set(void) {

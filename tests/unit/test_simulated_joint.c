@@ -70,3 +70,13 @@ void test_current_of_a_torque(void) {
     TEST_ASSERT_EQUAL_UINT32(1000, simulated_joint_current_mA(&config, -5.0));
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, simulated_joint_current_mA(&config, 1e30));
 }
+
+void test_an_encoder_the_wrong_way_round_counts_down_from_where_it_stands(void) {
+    config.angle_rad = 0.5;
+    config.encoder_sign = -1;
+    const int32_t start_inc = simulated_joint_position_inc(&config, &joint);
+    TEST_ASSERT_INT_WITHIN(1, (int)(0.5 / 6.283185307 * 65536.0), start_inc);
+    advance(0.5, 100);
+    TEST_ASSERT_INT_WITHIN(2, start_inc - (int)(0.05 / 6.283185307 * 65536.0),
+                           simulated_joint_position_inc(&config, &joint));
+}

@@ -171,6 +171,8 @@ static int16_t guarded(const lane_t *lane, const step_t *step,
         .position_inc = step->position_inc,
         .position_min_inc = lane->position_min_inc,
         .position_max_inc = lane->position_max_inc,
+        .slope_mNm_s = TORQUE_GUARD_SLOPE_OFF,
+        .motor = {.temperature_end_dC = 1},
     };
     return torque_guard(&input).torque_mNm;
 }

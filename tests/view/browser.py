@@ -23,6 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 
 START_S = 60.0
 ANSWER_S = 60.0
+END_S = 10.0
 PROGRAM = "chromium"
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
@@ -63,11 +64,17 @@ class Browser:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:  # fmt: skip
+        # Asked first, so that it takes its own processes along.
+        with contextlib.suppress(Exception):
+            self.call("Browser.close")
         self._open.close()
         self._end()
 
     def _end(self) -> None:
-        os.killpg(self._process.pid, signal.SIGKILL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self._profile.cleanup()
 

@@ -45,7 +45,7 @@ def test_bad_input_gets_one_line(arguments: list[str], line: str) -> None:
 def test_no_log_in_the_folder(tmp_path: Path) -> None:
     answer = view(tmp_path)
     assert answer.returncode == 2
-    assert answer.stderr == f"rig view: {tmp_path} holds no run.lcmlog\n"
+    assert answer.stderr == f"rig view: {tmp_path} is no run: it holds no run*.lcmlog\n"
 
 
 def test_no_live_run_is_said_in_one_line(lcm_url: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,16 @@ endif()
 # No fused multiply-add: firmware on host and Cortex-M4, and `sil` and `vcan`, agree bit for bit.
 add_compile_options(-ffp-contract=off -fdiagnostics-color=always)
 
+# An image is the same byte for byte in whichever folder it is built.
+if(CMAKE_SYSTEM_NAME STREQUAL "Generic")
+    add_compile_options(-ffile-prefix-map=${CMAKE_SOURCE_DIR}=. -ffile-prefix-map=${CMAKE_BINARY_DIR}=build)
+endif()
+
+# Flash is scarce: small, but for the control law (firmware/CMakeLists.txt), whose time counts.
+if(CMAKE_SYSTEM_NAME STREQUAL "Generic")
+    set(CMAKE_C_FLAGS_RELEASE "-Os -DNDEBUG")
+endif()
+
 # Third-party and generated sources opt out with target_compile_options(... PRIVATE -w).
 add_compile_options(-Wall -Wextra -Werror -Wconversion -Wshadow -pedantic)
 add_compile_options(

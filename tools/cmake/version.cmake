@@ -19,6 +19,12 @@ if(CMAKE_SCRIPT_MODE_FILE)
             endif()
         endif()
     endif()
+    string(REPLACE "-dirty" "" commit "${hash}")
+    if(commit STREQUAL hash)
+        set(dirty 0)
+    else()
+        set(dirty 1)
+    endif()
     # file(CONFIGURE) keeps the time stamp when the text is the same.
     file(CONFIGURE OUTPUT ${HEADER} @ONLY CONTENT
 [[/** Generated: the state of the sources that this build was made from. */
@@ -26,6 +32,9 @@ if(CMAKE_SCRIPT_MODE_FILE)
 #define VERSION_H
 
 #define HPMC_GIT_HASH "@hash@"
+/** The same without "-dirty", and whether it was there. */
+#define HPMC_GIT_COMMIT "@commit@"
+#define HPMC_GIT_DIRTY @dirty@U
 
 #endif
 ]])

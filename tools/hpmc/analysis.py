@@ -119,7 +119,7 @@ def analyse_logs(paths: Iterable[Path], reach_s: float = REACH_S) -> Analysis:
             raise LogError(f"{path}: {index.ticks} samples a reach, {ticks} in the other logs")
         ticks, period_s = index.ticks, index.period_us * 1e-6
         incomplete += index.incomplete
-        utime = log.column("ARM_STATE", "utime")
+        utime = log.column("HPMC_STATE", "utime")
         simulated_s += float(utime[-1] - utime[0]) * 1e-6
         for batch_number, reaches in enumerate(index.batches()):
             tables.append(_measure(reaches))

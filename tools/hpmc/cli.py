@@ -11,6 +11,7 @@ MODULES = {
     "report": "hpmc.report.command",
     "can": "hpmc.can.command",
     "bench": "hpmc.bench",
+    "flash": "hpmc.flash",
     "doctor": "hpmc.doctor",
     "test": "hpmc.selftest",
 }

@@ -10,7 +10,7 @@ from typing import Any
 from hpmc.layout import CONFIG, PROGRAMS
 
 EXIT_USAGE = 2
-REACHES_PER_REPETITION = 16
+BASE = CONFIG / "clock.toml"  # complete; the other experiments say what differs from it
 
 
 class ConfigurationError(ValueError):
@@ -30,8 +30,12 @@ class Configuration:
         return int(self.values["experiment"]["repetitions"])
 
     @property
+    def reaches_per_repetition(self) -> int:
+        return int(self.values["experiment"]["reaches"])
+
+    @property
     def reaches(self) -> int:
-        return self.repetitions * REACHES_PER_REPETITION
+        return self.repetitions * self.reaches_per_repetition
 
     @property
     def seed(self) -> int:
@@ -46,8 +50,13 @@ def load_configuration(
     experiment: str, files: Sequence[Path] = (), overrides: Sequence[str] = ()
 ) -> Configuration:
     """The experiment's file, `files` over it, then `key=value`. Raises ConfigurationError."""
+    if experiment not in experiments():
+        raise ConfigurationError(
+            f"there is no experiment '{experiment}' (choose from {', '.join(experiments())})"
+        )
+    own = CONFIG / f"{experiment}.toml"
     command = [str(PROGRAMS["hpmc_config"])]
-    for file in (CONFIG / f"{experiment}.toml", *files):
+    for file in (*dict.fromkeys((BASE, own)), *files):
         command += ["--config", str(file)]
     for override in overrides:
         command += ["--set", override]

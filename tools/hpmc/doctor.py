@@ -13,6 +13,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -29,6 +30,11 @@ DISK_NEEDED_BYTES = 500_000_000
 DISK_WISHED_BYTES = 3_000_000_000
 RECEIVE_BUFFER_WISHED_BYTES = 8 << 20
 WAKEUPS = 300
+LOCKSTEP_TICK_MAX_MS = 0.5  # a wall-clock SYNC of 1 kHz wants to be through in half its period
+LOCKSTEP_RUN = (
+    "experiment.period_s=0.05", "schedule.setup_s=0.5", "schedule.approach_s=0.05",
+    "joint.ramp_s=0.05", "schedule.stop_s=0.15",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,25 @@ class Machine:
             time.sleep(0.001)
             taken.append((time.monotonic() - start) * 1e3)
         return taken
+
+    def lockstep_tick_ms(self) -> float | None:
+        """Wall time of a tick over vcan and LCM, from a short run; None where there is no build or
+        the run fails."""
+        if not (ROOT / "build" / "host" / "sim_host" / "apps" / "hpmc_host").exists():
+            return None
+        settings = [word for setting in LOCKSTEP_RUN for word in ("--set", setting)]
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "run"
+            status, _ = self.run(
+                "env", f"PYTHONPATH={ROOT / 'tools'}", str(VENV_PYTHON), "-m", "hpmc", "run",
+                "clock", "--log", "none", "--no-figures", "--out", str(out), *settings,
+                limit_s=120,
+            )  # fmt: skip
+            if status != 0:
+                return None
+            summary = json.loads((out / "summary.json").read_text())
+        tick_ms: float = summary["wall_s"] / summary["simulated_s"]  # a tick is 1 ms of the run
+        return tick_ms
 
 
 def last_line(status: int, output: str) -> str:
@@ -260,6 +285,22 @@ def check_timer(machine: Machine) -> Finding:
     return Finding("timer tick", "note", detail, fix)
 
 
+def check_lockstep(machine: Machine, vcan: bool) -> Finding:
+    """How long a tick of the whole rig takes over vcan and LCM."""
+    name = "lockstep tick"
+    if not vcan:
+        return Finding(name, "note", "not measured: mode vcan does not run here")
+    tick_ms = machine.lockstep_tick_ms()
+    if tick_ms is None:
+        return Finding(name, "note", "not measured: no run could be made", "./rig build")
+    detail = f"{tick_ms:.2f} ms over vcan and LCM, {1.0 / tick_ms:.1f} times real time"
+    if tick_ms < LOCKSTEP_TICK_MAX_MS:
+        return Finding(name, "ok", detail)
+    detail += f"; a wall-clock SYNC of 1 kHz wants less than {LOCKSTEP_TICK_MAX_MS} ms"
+    return Finding(name, "note", detail, "use a machine whose own kernel has CAN, or --set "
+                   "bench.sync_Hz=100")  # fmt: skip
+
+
 def examine(machine: Machine) -> tuple[list[Finding], dict[str, str | None]]:
     """All findings, and for each mode how it can run (None: it cannot)."""
     base_checks = (check_processors, check_disk, check_packages, check_python)
@@ -278,6 +319,7 @@ def examine(machine: Machine) -> tuple[list[Finding], dict[str, str | None]]:
     ready = all(finding.status != "fault" for finding in base)
     sandbox = "native" if native else "user-mode Linux" if uml.status == "ok" else None
     modes = {"sil": "native" if ready else None, "vcan": sandbox if ready else None}
+    rest.append(check_lockstep(machine, modes["vcan"] is not None))
     return [*base, namespaces, can, uml, *rest], modes
 
 

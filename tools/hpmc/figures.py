@@ -72,6 +72,38 @@ def draw_all(analysis: Analysis, folder: Path, geometry: ClockGeometry | None = 
     return files
 
 
+def draw_timing(pace: dict[str, Any], folder: Path) -> list[Path]:
+    """fig_timing: how long the SYNC periods of a run on the wall clock were (`pace`)."""
+    period_ms, bin_ms = pace["period_us"] * 1e-3, pace["histogram_bin_us"] * 1e-3
+    bins, counts = np.array(pace["period_histogram"]).reshape(-1, 2).T
+    span = max(0.1 * period_ms, 1.1 * np.abs((bins + 0.5) * bin_ms - period_ms).max(initial=0.0))
+    files = []
+    with style():
+        figure = _figure(6.4, 3.2)
+        axes = figure.subplots()
+        axes.axvspan(
+            0.9 * period_ms, 1.1 * period_ms, color=HARMONIC, alpha=0.12, linewidth=0,
+            label="a tenth of a period",
+        )  # fmt: skip
+        axes.bar(bins * bin_ms, counts, width=max(bin_ms, span / 150), align="edge", color=PLANNED)
+        axes.axvline(period_ms, color=INK, linewidth=1.0, linestyle=MINIMUM_JERK_LINE)
+        axes.set_yscale("log")
+        axes.set_ylim(0.7, 2.0 * counts.max(initial=1))
+        axes.set_xlim(max(period_ms - span, 0.0), period_ms + span)
+        axes.set_xlabel("from one SYNC to the next, ms")
+        axes.set_ylabel("SYNC periods")
+        axes.set_title(
+            f"{pace['cycles']} cycles of {period_ms:g} ms: jitter {pace['jitter_us']:.0f} us, "
+            f"{pace['late_cycles']} late, {pace['overruns']} overruns"
+        )
+        axes.legend(loc="upper right")
+        for suffix in ("png", "pdf"):
+            files.append(folder / f"fig_timing.{suffix}")
+            figure.savefig(files[-1])
+            figure.set_layout_engine("none")
+    return files
+
+
 def draw_arm(analysis: Analysis, geometry: ClockGeometry) -> Figure:
     """Fig. 1: the arm at home from above, the targets, and the hand's path in one repetition."""
     figure = _figure(6.4, 5.6)

@@ -23,6 +23,7 @@ END_S = 5.0
 KILL_S = 0.1  # after a failure: the lockstep loop stands still, its parts cannot end in order
 
 EXIT_RUN_ENDED = 3
+SELF_ENDING = ("arm_sim", "bench_bridge")
 
 
 @dataclass
@@ -87,9 +88,13 @@ class Session:
             self.reason = self.reason or "interrupted before the run began"
 
     def start_all(self) -> None:
-        """Listeners first; arm_sim, which sends the first message, when all others are ready."""
+        """Listeners first; arm_sim, which sends the first message, when all others are ready.
+
+        Without arm_sim the host begins by itself, so the others listen before it starts.
+        """
+        last = "arm_sim" if "arm_sim" in self.plan["processes"] else "hpmc_host"
         for name, command in self.plan["processes"].items():
-            if name != "arm_sim":
+            if name != last:
                 self.start(name, command)
         limit = time.monotonic() + READY_S
         while not self.reason and not all(role.ready for role in self.roles.values()):
@@ -99,7 +104,7 @@ class Session:
                 late = [role.name for role in self.roles.values() if not role.ready]
                 self.reason = f"{', '.join(late)} did not start within {READY_S:.0f} s"
         if not self.reason:
-            self.start("arm_sim", self.plan["processes"]["arm_sim"])
+            self.start(last, self.plan["processes"][last])
 
     def start(self, name: str, command: list[str]) -> None:
         process = subprocess.Popen(
@@ -153,8 +158,8 @@ class Session:
             if host.process.returncode != 0 and not (self.interrupted and not host.said):
                 self.reason = self.reason or self.first_cause(host)
             return True
-        # arm_sim ends by itself after the last tick, just before the host does.
-        unexpected = [r for r in ended if r.name != "arm_sim" or r.process.returncode != 0]
+        # These end by themselves after the last tick, just before the host does.
+        unexpected = [r for r in ended if r.name not in SELF_ENDING or r.process.returncode != 0]
         if unexpected:
             told = [role for role in unexpected if role.process.returncode < 0] or unexpected
             self.reason = self.reason or (
@@ -165,8 +170,9 @@ class Session:
     def first_cause(self, host: Role) -> str:
         """arm_sim, which waits for the nodes themselves, names a silent node; the host cannot."""
         limit = time.monotonic() + STALL_SPREAD_S
-        arm = self.roles["arm_sim"]
-        while "no HAND_WRENCH" in "".join(host.said) and time.monotonic() < limit:
+        arm = self.roles.get("arm_sim")
+        silent = "no HAND_WRENCH" in "".join(host.said)
+        while arm is not None and silent and time.monotonic() < limit:
             self.collect(0.05)
             if arm.process.poll() is not None and arm.said:
                 return why_ended(arm)
@@ -179,11 +185,12 @@ class Session:
 
     def end_all(self) -> None:
         """Nodes and arm first, the logger last: it takes in what is still on its way."""
-        arm = self.roles.get("arm_sim")
-        if arm is not None and not self.reason and not self.interrupted:
-            # The host is through with the last SYNC period a little before the joint loop.
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                arm.process.wait(END_S)
+        for name in SELF_ENDING:
+            role = self.roles.get(name)
+            if role is not None and not self.reason and not self.interrupted:
+                # The host is through with the last SYNC period a little before the joint loop.
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    role.process.wait(END_S)
         others = [role for role in self.roles.values() if role.name != "run_logger"]
         stop(others, KILL_S if self.reason else END_S)
         logger = [role for role in self.roles.values() if role.name == "run_logger"]

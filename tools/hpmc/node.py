@@ -74,6 +74,8 @@ def parser() -> argparse.ArgumentParser:
                         help="the encoder is absolute: no homing is needed")  # fmt: skip
     parser.add_argument("--after-watchdog", action="store_true",
                         help="starts as after a reset by the watchdog")  # fmt: skip
+    parser.add_argument("--internal-oscillator", action="store_true",
+                        help="starts as without its crystal: enabling is refused")  # fmt: skip
     parser.add_argument("--temperature-dC", type=whole(-2730, 32767), default=250, metavar="N",
                         help="of the motor, in 0.1 degree Celsius (%(default)s)")  # fmt: skip
     parser.add_argument("--fixed", action="store_true",
@@ -89,6 +91,10 @@ def parser() -> argparse.ArgumentParser:
                        help="N m per A (%(default)s)")  # fmt: skip
     joint.add_argument("--index-rad", type=not_below(-1e6), default=0.5, metavar="X",
                        help="angle of the index pulse, from the start (%(default)s)")  # fmt: skip
+    joint.add_argument("--angle-rad", type=not_below(-1e6), default=0.0, metavar="X",
+                       help="where the encoder stands at the start (%(default)s)")  # fmt: skip
+    joint.add_argument("--encoder-sign", type=int, choices=(1, -1), default=1,
+                       help="-1: an encoder mounted the wrong way round (%(default)s)")  # fmt: skip
     return parser
 
 

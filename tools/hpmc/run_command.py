@@ -2,18 +2,21 @@
 
 import argparse
 import datetime
+import itertools
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 from rich.console import Console
 
 from hpmc.configuration import Configuration, ConfigurationError, experiments
-from hpmc.experiment import FULL_LOG_REACHES, Experiment
+from hpmc.experiment import FULL_LOG_REACHES, Experiment, override_lines
 from hpmc.layout import DEFAULT_TELEMETRY_URL, RUNS
 from hpmc.log_size import candump_bytes, check_space, log_bytes
 from hpmc.modes import MODES, Job
+from hpmc.modes.bench import bus_load_percent
 from hpmc.modes.vcan import sandbox_name
 from hpmc.run_progress import ProgressBar
 from hpmc.run_results import write_results
@@ -51,14 +54,18 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--mode",
         choices=tuple(MODES),
         default="vcan",
-        help="sil: one process; vcan: one process per box, on a CAN bus (default)",
+        help="sil: one process; vcan: one process per box, on a CAN bus (default); "
+        "emulated: as sil, nodes are the flash image on an emulated Cortex-M4; "
+        "bench: real boards on a CAN interface, by the wall clock",
     )
     parser.add_argument(
         "--sensors",
         choices=("direct", "injected"),
         help="how the nodes see the arm: LCM, or RPDO4 and TPDO1",
     )
-    parser.add_argument("--repetitions", metavar="N", help="of 16 reaches each")
+    parser.add_argument(
+        "--repetitions", metavar="N", help="each from boot to stop; the clock: of 16 reaches"
+    )
     parser.add_argument("--joint-rate-hz", choices=("1000", "5000"), help="joint loop of the nodes")
     parser.add_argument("--phase-rule", choices=("body_motion", "error_growth"), help="of the FIC")
     parser.add_argument("--fixed", action="store_true",
@@ -82,7 +89,13 @@ def parse(argv: Sequence[str]) -> Experiment:
         "--pace",
         choices=("lockstep", "realtime"),
         default="lockstep",
-        help="as fast as it goes (default), or held to the wall clock",
+        help="as fast as it goes (default), or held to the wall clock (vcan; bench always is)",
+    )
+    parser.add_argument(
+        "--can", metavar="IFACE", help="bench: CAN interface, e.g. can0, or slcan:/dev/ttyACM0"
+    )
+    parser.add_argument(
+        "--yes-move", action="store_true", help="bench: real joints may move, all stand clear"
     )
     parser.add_argument(
         "--jobs",
@@ -110,8 +123,8 @@ def parse(argv: Sequence[str]) -> Experiment:
     parser.add_argument(
         "--lcm-url",
         metavar="URL",
-        help="sil: publish what happens there while it happens, and take targets (ARM_TARGET) "
-        f"from there, e.g. {DEFAULT_TELEMETRY_URL}; vcan does so in its sandbox anyway",
+        help="sil, emulated: publish what happens there while it happens, and take targets "
+        f"(ARM_TARGET) from there, e.g. {DEFAULT_TELEMETRY_URL}; vcan does so in its sandbox",
     )
     parser.add_argument(
         "--targets",
@@ -132,6 +145,8 @@ def parse(argv: Sequence[str]) -> Experiment:
         log=options.log,
         out=options.out,
         uml=options.uml,
+        can=options.can,
+        yes_move=options.yes_move,
         figures=not options.no_figures,
         lcm_url=options.lcm_url,
         targets=options.targets,
@@ -166,11 +181,28 @@ def check_folder(folder: Path) -> None:
         raise ConfigurationError(f"--out {folder}: exists already and is not empty")
 
 
-def make_folder(folder: Path, configuration: Configuration) -> Path:
-    """Makes the output folder with config.toml in it, and returns the latter."""
-    config_file = folder / "config.toml"
+def make_new(folder: Path) -> bool:
+    """Makes a folder; False where there is one of this name."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
+
+
+def make_folder(folder: Path, configuration: Configuration, *, named: bool) -> Path:
+    """Makes the output folder with config.toml in it, and returns the latter.
+
+    A folder that was not named by the user gets a number where there is one of this name already:
+    runs of a script may begin within the same second.
+    """
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
+    try:
+        if named:
+            folder.mkdir(parents=True, exist_ok=True)
+        else:
+            folder = next(filter(make_new, itertools.chain([folder], numbered)))
+        config_file = folder / "config.toml"
         config_file.write_text(configuration.toml)
     except OSError as error:
         raise ConfigurationError(f"--out {folder}: cannot be written: {error.strerror}") from None
@@ -180,15 +212,14 @@ def make_folder(folder: Path, configuration: Configuration) -> Path:
 def announce(
     experiment: Experiment, configuration: Configuration, level: str, console: Console
 ) -> None:
-    fits = (
-        ""
-        if configuration.bus_load_worst_percent <= 100.0
-        else " (a physical bus would need a slower SYNC)"
-    )
+    load_percent = configuration.bus_load_worst_percent
+    fits = "" if load_percent <= 100.0 else " (a physical bus would need a slower SYNC)"
+    if experiment.mode == "bench":
+        load_percent, fits = bus_load_percent(configuration), ""
     kept = "" if level != "none" else ", removed after the analysis"
     console.print(
         f"{configuration.reaches} reaches, {experiment.mode}; bus load at 1 Mbit/s at worst "
-        f"{configuration.bus_load_worst_percent:.1f} %{fits}; log {level}, "
+        f"{load_percent:.1f} %{fits}; log {level}, "
         f"about {log_bytes(configuration, level) / 1e6:.0f} MB{kept}"
     )
     if experiment.mode == "vcan":
@@ -200,18 +231,27 @@ def execute(experiment: Experiment, console: Console) -> Path:
 
     Raises ConfigurationError before anything was made, RunError and RunInterrupted after.
     """
-    configuration = experiment.load()
+    if experiment.mode not in MODES:
+        raise ConfigurationError(
+            f"there is no mode '{experiment.mode}' (choose from {', '.join(MODES)})"
+        )
     mode = MODES[experiment.mode]
+    experiment = replace(
+        experiment, overrides=[*mode.overrides, *override_lines(experiment.overrides)]
+    )
+    configuration = experiment.load()
     mode.check(experiment, configuration)
     level = experiment.log_level(configuration)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (experiment.out or RUNS / f"{now}-{experiment.name}-{experiment.mode}").absolute()
     targets = experiment.targets_log()
-    check_folder(folder)
+    if experiment.out:
+        check_folder(folder)
     check_space(folder, log_bytes(configuration, level) + candump_bytes(configuration, level))
-    config_file = make_folder(folder, configuration)
+    config_file = make_folder(folder, configuration, named=experiment.out is not None)
+    folder = config_file.parent
     announce(experiment, configuration, level, console)
-    bar = ProgressBar(console, configuration.reaches)
+    bar = ProgressBar(console, configuration.reaches, configuration.reaches_per_repetition)
     job = Job(
         configuration=configuration,
         config_file=config_file,
@@ -223,6 +263,7 @@ def execute(experiment: Experiment, console: Console) -> Path:
         uml=experiment.uml,
         lcm_url=experiment.lcm_url,
         targets=targets,
+        can=experiment.can,
     )
     with bar.bar:
         outcome = mode.run(job)

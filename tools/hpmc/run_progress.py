@@ -6,13 +6,11 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from hpmc.configuration import REACHES_PER_REPETITION
-
 
 class ProgressBar:
     """Reach, simulated time and real-time factor."""
 
-    def __init__(self, console: Console, reaches: int) -> None:
+    def __init__(self, console: Console, reaches: int, reaches_per_repetition: int = 16) -> None:
         self.bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(None),
@@ -23,6 +21,7 @@ class ProgressBar:
             transient=not console.is_terminal,
         )
         self.reaches = reaches
+        self.reaches_per_repetition = reaches_per_repetition
         self.task = self.bar.add_task("starting", total=reaches, simulated="")
         self.done: dict[int, tuple[int, float, float]] = {}  # per job: reaches, first time, time
         self.began = time.monotonic()
@@ -34,7 +33,7 @@ class ProgressBar:
         first = self.done.get(job, (0, told["simulated_s"], 0.0))[1]
         if not self.done:
             self.began = time.monotonic()
-        reaches = told["reach"] + 1 + REACHES_PER_REPETITION * told["repetition"]
+        reaches = told["reach"] + 1 + self.reaches_per_repetition * told["repetition"]
         self.done[job] = (
             max(reaches, self.done.get(job, (0, 0, 0))[0]),
             first,

@@ -90,11 +90,8 @@ def steps() -> list[Step]:
     ]
     coverage, coverage_fixed = preset("coverage", 1), preset("coverage-fixed", 1)
     counted = [str(BUILD / "coverage"), str(BUILD / "coverage-fixed")]
-    checked = [
-        source
-        for source in sources
-        if source.startswith(tuple(f"firmware/{name}/" for name in CORE)) and source.endswith(".c")
-    ]
+    tidied = tuple(f"firmware/{name}/" for name in (*CORE, "port/posix"))
+    checked = [source for source in sources if source.startswith(tidied) and source.endswith(".c")]
     return [
         Step(
             "build", "everything, by gcc, warnings as errors", [configure, build], 900,
@@ -150,8 +147,8 @@ def steps() -> list[Step]:
             "exceptions stand beside the code: /* cppcheck-suppress id ; reason */",
         ),
         Step(
-            "tidy", "firmware by clang-tidy",
-            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 120,
+            "tidy", "firmware and its POSIX port by clang-tidy",
+            [[*QUALITY, "clang-tidy", str(BUILD / "host"), *checked]], 240,
             "exceptions stand beside the code: /* NOLINTNEXTLINE(check): reason */",
             after="build",
         ),
@@ -163,6 +160,12 @@ def steps() -> list[Step]:
         Step(
             "quality", "these checks find faults that are put in", [[*PYTEST, "tests/quality"]],
             120, "one test alone: build/venv/bin/python -m pytest tests/quality -k NAME",
+        ),
+        Step(
+            "image", "the image for the STM32F405: its files, budgets, and faults on the emulator",
+            [["cmake", "--preset", "stm32f405"], ["cmake", "--preset", "stm32f405-fixed"],
+             [*PYTEST, "tests/image"]], 600,
+            "one test alone: build/venv/bin/python -m pytest tests/image -k NAME",
         ),
         Step(
             "tools", "Python tests of the tools",

@@ -40,10 +40,24 @@ class LcmFacts:
 
 @dataclass(frozen=True)
 class PaceFacts:
-    """How well the run kept to the wall clock."""
+    """How well the run kept to the wall clock. What None holds was not measured and is left out."""
 
     overruns: int  # SYNC periods that were not done when the next one should have begun
     lateness_max_us: int  # how late a period began at worst
+    lateness_p99_us: float | None = None
+    late_cycles: int | None = None  # began more than a tenth of a period late
+    cycles: int | None = None
+    period_us: float | None = None  # as wanted
+    jitter_us: float | None = None  # root mean square of interval minus period
+    histogram_bin_us: float | None = None
+    period_histogram: list[list[int]] | None = None  # [bin, count]; bin i begins at i x bin_us
+    scheduling: str | None = None  # of the host
+    memory: str | None = None
+    replies_missing: int | None = None  # injected sensors: TPDO1 waited for in vain
+    replies_late: int | None = None
+
+    def facts(self) -> dict[str, Any]:
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -68,6 +82,7 @@ class RunFacts:
     lcm: LcmFacts
     versions: VersionFacts
     pace: PaceFacts | None = None  # only where the run was held to the wall clock
+    encoders: list[dict[str, float]] | None = None  # of the encoder check: what each joint did
 
 
 def build_summary(
@@ -109,7 +124,8 @@ def build_summary(
         ],
         "bus": asdict(facts.bus),
         "lcm": asdict(facts.lcm),
-        "pace": asdict(facts.pace) if facts.pace else None,
+        "pace": facts.pace.facts() if facts.pace else None,
+        **({"encoder_check": facts.encoders} if facts.encoders else {}),
         "versions": asdict(facts.versions),
     }
 
@@ -151,17 +167,24 @@ def write_summary(summary: Summary, path: Path) -> None:
     partial.replace(path)
 
 
-def print_summary(summary: Summary, console: Console | None = None) -> None:
-    """Prints the table per target and for all, beside the paper's figures."""
+def print_summary(
+    summary: Summary,
+    console: Console | None = None,
+    experiment: str = "clock",
+    *,
+    beside_paper: bool = True,
+) -> None:
+    """Prints the table per target and for all, beside the paper's figures where it is its run."""
     console = console or Console()
-    console.print(_table(summary))
+    console.print(_table(summary, experiment, beside_paper))
     for line in _facts_in_words(summary):
         console.print(Text(line))
 
 
-def _table(summary: Summary) -> Table:
+def _table(summary: Summary, experiment: str, beside_paper: bool) -> Table:
+    name = experiment.replace("_", " ").capitalize()
     table = Table(
-        title=f"Clock experiment, {summary['mode']}, joints in {summary['numbers']}: "
+        title=f"{name} experiment, {summary['mode']}, joints in {summary['numbers']}: "
         f"{summary['reaches']} reaches",
         title_justify="left",
         title_style="bold",
@@ -175,6 +198,8 @@ def _table(summary: Summary) -> Table:
     table.add_column("velocity\nRMSE, mm/s", justify="right")
     table.add_column("manipu-\nlability", justify="right")
     for target in summary["targets"]:
+        if not beside_paper and target["planned_r"] is None:
+            continue  # a clock position that is not visited
         table.add_row(
             str(target["index"]),
             _text(target["planned_r"], 4),
@@ -202,6 +227,8 @@ def _table(summary: Summary) -> Table:
         _text(summary["velocity_rmse_mm_s"]["max"], 1),
         "",
     )
+    if not beside_paper:
+        return table
     table.add_section()
     table.add_row(
         "paper",
@@ -241,6 +268,19 @@ def _facts_in_words(summary: Summary) -> list[str]:
         lines.append(
             f"held to the wall clock: {pace['overruns']} overruns, "
             f"a period began at most {pace['lateness_max_us']} us late"
+        )
+        if "late_cycles" in pace:
+            lines[-1] = (
+                f"SYNC each {pace['period_us']:.0f} us: {pace['overruns']} overruns, "
+                f"{pace['late_cycles']} of {pace['cycles']} cycles late, jitter "
+                f"{pace['jitter_us']:.0f} us, 99 % of the cycles began within "
+                f"{pace['lateness_p99_us']:.0f} us, all within {pace['lateness_max_us']} us; "
+                f"{pace['scheduling']}, memory {pace['memory']}"
+            )
+    for number, found in enumerate(summary.get("encoder_check", ()), start=1):
+        lines.append(
+            f"encoder of joint {number}: {found['moved_rad']:+.4f} rad under "
+            f"{found['torque_Nm']:+.2f} N m"
         )
     return lines
 

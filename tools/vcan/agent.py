@@ -26,6 +26,7 @@ from vcan import frames, network
 from vcan.frames import Request, frame
 
 LEFTOVER_GRACE_S = 1.0  # for what a command leaves in the background
+DRAIN_S = 2.0  # for a connection without a reader, once the main command has ended
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 LCM_URL = b"udpm://239.255.76.67:7667?ttl=0"
 RB_POWER_OFF = 0x4321FEDC
@@ -121,6 +122,7 @@ class Agent:
         self.writers: dict[int, Session] = {}
         self.main: Session | None = None
         self.done = False
+        self.drain_until: float | None = None  # the main command has ended, connections still flow
         self.wake_in, wake_out = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
         signal.signal(signal.SIGCHLD, lambda *_: None)
         for number in ENDING_SIGNALS:
@@ -165,6 +167,7 @@ class Agent:
 
     def timeout_ms(self) -> float | None:
         deadlines = [s.kill_at for s in self.sessions.values() if s.kill_at is not None]
+        deadlines += [] if self.drain_until is None else [self.drain_until]
         return max(0.0, min(deadlines) - time.monotonic()) * 1e3 + 1 if deadlines else None
 
     def enforce_deadlines(self) -> None:
@@ -172,6 +175,9 @@ class Agent:
             if session.kill_at is not None and time.monotonic() >= session.kill_at:
                 session.kill_at = None
                 self.signal(session, signal.SIGKILL)
+        if self.drain_until is not None and time.monotonic() >= self.drain_until and not self.done:
+            assert self.main is not None
+            self.finish(self.main)
 
     def dispatch(self, number: int, kind: int, stream: int, payload: bytes) -> None:
         if kind == frames.RUN:
@@ -295,6 +301,8 @@ class Agent:
         session = outlet.session
         if data:
             outlet.credit -= len(data)
+            if self.drain_until is not None:
+                self.drain_until = time.monotonic() + DRAIN_S
             self.send(frame(session.number, frames.DATA, outlet.stream, data))
             self.watch(outlet.fd)
             if outlet.left is None:
@@ -393,11 +401,24 @@ class Agent:
                         self.send(frame(session.number, frames.CLOSE, outlet.stream))
                         self.close_outlet(outlet)
                         return  # which has called us again
-            if not session.outlets:
-                self.finish(session)
-        elif not session.pid and session.into < 0 and not session.outlets:
+            if session.outlets or (session is self.main and self.connections_flow()):
+                return
+            self.finish(session)
+            return
+        if not session.pid and session.into < 0 and not session.outlets:
             session.status = 0
             self.finish(session)
+        if self.drain_until is not None and not session.pid and self.main is not None:
+            self.finish_if_done(self.main)
+
+    def connections_flow(self) -> bool:
+        """Whether a connection still has something to carry out of the sandbox. Once every process
+        has ended each comes to its end, unless its client does not read: then time does."""
+        if not any(session.outlets for session in self.sessions.values() if not session.pid):
+            return False
+        if self.drain_until is None:
+            self.drain_until = time.monotonic() + DRAIN_S
+        return True
 
     def finish(self, session: Session, text: str = "") -> None:
         """Closes what is open, brings written files to the host, and reports the status."""

@@ -35,20 +35,20 @@ typedef struct {
 } can_socket_filter_t;
 
 /** Opens the socket on an interface; filters may be NULL (all frames). False: errno says why. */
-bool can_socket_open(can_socket_t *socket, const char *interface,
-                     const can_socket_filter_t *filters, size_t filter_count);
+bool can_socket_open(can_socket_t *can, const char *interface, const can_socket_filter_t *filters,
+                     size_t filter_count);
 /** Replaces the filters. False: errno says why. */
-bool can_socket_set_filters(can_socket_t *socket, const can_socket_filter_t *filters,
+bool can_socket_set_filters(can_socket_t *can, const can_socket_filter_t *filters,
                             size_t filter_count);
-void can_socket_close(can_socket_t *socket);
+void can_socket_close(can_socket_t *can);
 
 /** Sends count (0..CAN_SOCKET_BATCH) frames in order. False after timeout_ms without room or on an
  * error (errno). */
-bool can_socket_send(can_socket_t *socket, const can_frame_t *frames, size_t count, int timeout_ms);
+bool can_socket_send(can_socket_t *can, const can_frame_t *frames, size_t count, int timeout_ms);
 
 /** Receives exactly count (0..CAN_SOCKET_BATCH) frames; returns how many came before timeout_ms of
  * silence, or before a signal. */
-size_t can_socket_receive(can_socket_t *socket, can_frame_t *frames, size_t count, int timeout_ms);
+size_t can_socket_receive(can_socket_t *can, can_frame_t *frames, size_t count, int timeout_ms);
 
 #ifdef __cplusplus
 }

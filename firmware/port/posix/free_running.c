@@ -8,13 +8,14 @@
 #include <time.h>
 
 #include "node/motor_node.h"
+#include "node/tick_closing.h"
 #include "port/posix/can_socket.h"
 #include "port/posix/node_filters.h"
 #include "port/posix/parameter_file.h"
 #include "port/posix/stop_signal.h"
 #include "port/posix/tick_schedule.h"
 
-enum { EXIT_RUN_ENDED = 3, ELAPSED_MAX_us = 1000000 };
+enum { EXIT_RUN_ENDED = 3, ELAPSED_MAX_us = 1000000, STEPPED_WAIT_ns = 250000000 };
 
 typedef struct {
     const free_running_options_t *options;
@@ -30,6 +31,8 @@ typedef struct {
     int64_t last_tick_us;
     can_frame_t frames[MOTOR_NODE_RX_MAX]; /* for the next tick */
     size_t frame_count;
+    uint32_t frames_lost; /* since the last tick */
+    tick_closing_t closing;
 } device_t;
 
 static int64_t now_ns(void) {
@@ -55,9 +58,8 @@ static bool follow_node_id(device_t *device) {
     return can_socket_set_filters(&device->can, filters, NODE_FILTERS_COUNT);
 }
 
-static bool tick(int64_t now, device_t *device) {
+static bool tick(uint32_t elapsed_us, device_t *device) {
     const free_running_options_t *options = device->options;
-    const uint32_t elapsed_us = elapse(now, device);
     motor_node_output_t output;
     simulated_joint_advance(&options->joint, device->torque_Nm, elapsed_us, &device->joint);
     const motor_node_input_t input = {
@@ -70,13 +72,14 @@ static bool tick(int64_t now, device_t *device) {
         .index_position_inc = device->joint.index_position_inc,
         .frames = device->frames,
         .frame_count = device->frame_count,
+        .frames_lost = device->frames_lost,
     };
     motor_node_step(&device->config, &device->node, &input, &output);
     device->frame_count = 0;
+    device->frames_lost = 0;
     device->torque_Nm = output.output_enabled ? (double)output.torque_mNm / 1000.0 : 0.0;
     if (output.reset_requested) {
-        device->config.supervisor_reset = false;
-        motor_node_init(&device->config, &device->node);
+        motor_node_restart(&device->config, &device->node);
     }
     /* A bus that takes no frames loses them, as a controller does whose mailboxes stay full. */
     return follow_node_id(device) &&
@@ -84,18 +87,43 @@ static bool tick(int64_t now, device_t *device) {
             errno == ETIMEDOUT);
 }
 
-/** Takes in what the bus has; each SYNC is a tick of its own. */
+/** A frame waits for the next tick, which it may be the one to close. */
+static bool take_in(const can_frame_t *frame, device_t *device) {
+    uint32_t elapsed_us = 0;
+    const tick_closing_event_t event =
+        tick_closing_receive(&device->node, frame, &device->closing, &elapsed_us);
+    if (event == TICK_REPEATED ||
+        (device->frame_count == MOTOR_NODE_RX_MAX && event != TICK_CLOSED)) {
+        device->frames_lost++;
+        return true;
+    }
+    if (device->frame_count == MOTOR_NODE_RX_MAX) {
+        device->frames_lost++;
+    } else {
+        device->frames[device->frame_count++] = *frame;
+    }
+    if (event == TICK_CLOSED) {
+        (void)elapse(now_ns(), device); /* does not count in this time base */
+        return tick(elapsed_us, device);
+    }
+    if (device->node.od.time_base != 0U) {
+        return true;
+    }
+    const bool sync = frame->id == SYNC_COB_ID;
+    if (sync) {
+        tick_schedule_sync(now_ns(), device->node.od.fic_joint_ticks_per_sync, &device->schedule);
+    }
+    return !(sync || device->frame_count == MOTOR_NODE_RX_MAX) ||
+           tick(elapse(now_ns(), device), device);
+}
+
+/** Takes in what the bus has; each SYNC is a tick of its own, or in the stepped time base each
+ * RPDO4. */
 static bool receive(device_t *device) {
     can_frame_t received[MOTOR_NODE_RX_MAX];
     const size_t count = can_socket_receive(&device->can, received, MOTOR_NODE_RX_MAX, 0);
     for (size_t i = 0; i < count; i++) {
-        device->frames[device->frame_count++] = received[i];
-        const bool sync = received[i].id == SYNC_COB_ID;
-        if (sync) {
-            tick_schedule_sync(now_ns(), device->node.od.fic_joint_ticks_per_sync,
-                               &device->schedule);
-        }
-        if ((sync || device->frame_count == MOTOR_NODE_RX_MAX) && !tick(now_ns(), device)) {
+        if (!take_in(&received[i], device)) {
             return false;
         }
     }
@@ -105,8 +133,8 @@ static bool receive(device_t *device) {
 static bool run(device_t *device) {
     struct pollfd data = {.fd = device->can.fd, .events = POLLIN};
     while (!stop_signal_raised()) {
-        int64_t now = now_ns();
-        const int64_t rest_ns = device->schedule.next_ns - now;
+        const bool stepped = device->node.od.time_base != 0U;
+        const int64_t rest_ns = stepped ? STEPPED_WAIT_ns : device->schedule.next_ns - now_ns();
         const struct timespec wait = {.tv_sec = rest_ns / 1000000000,
                                       .tv_nsec = rest_ns % 1000000000};
         if (rest_ns > 0 && ppoll(&data, 1, &wait, NULL) > 0) {
@@ -119,10 +147,10 @@ static bool run(device_t *device) {
             }
             continue;
         }
-        now = now_ns();
-        if (now >= device->schedule.next_ns) {
+        const int64_t now = now_ns();
+        if (!stepped && now >= device->schedule.next_ns) {
             tick_schedule_tick(now, device->node.od.fic_joint_ticks_per_sync, &device->schedule);
-            if (!receive(device) || !tick(now_ns(), device)) {
+            if (!receive(device) || !tick(elapse(now_ns(), device), device)) {
                 return false;
             }
         }
@@ -144,7 +172,8 @@ int free_running(const free_running_options_t *options) {
         .config = {.node_id = options->node_id,
                    .serial_number = options->serial_number,
                    .referenced = options->referenced,
-                   .supervisor_reset = options->supervisor_reset},
+                   .supervisor_reset = options->supervisor_reset,
+                   .clock_fallback = options->clock_fallback},
         .last_tick_us = now_ns() / 1000,
     };
     if (options->parameters != NULL) {

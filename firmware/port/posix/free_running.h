@@ -1,6 +1,7 @@
 /**
  * The firmware alone on a CAN bus, on the wall clock: anyone's client is its master, and a
- * simulated joint (simulated_joint.h) is its motor and encoder.
+ * simulated joint (simulated_joint.h) is its motor and encoder. In the stepped time base its ticks
+ * are those of RPDO4 (node/tick_closing.h), not of the wall clock.
  */
 #ifndef FREE_RUNNING_H
 #define FREE_RUNNING_H
@@ -17,6 +18,7 @@ typedef struct {
         *parameters;       /**< file that stands for the non-volatile memory; NULL: there is none */
     bool referenced;       /**< an absolute encoder: mode -1 needs no homing */
     bool supervisor_reset; /**< starts as after a watchdog reset */
+    bool clock_fallback;   /**< says that its clock is the internal oscillator */
     const char *can;       /**< name of the interface */
     int16_t temperature_dC;
     simulated_joint_config_t joint;

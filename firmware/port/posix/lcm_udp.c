@@ -31,21 +31,30 @@ static uint32_t get_u32(const uint8_t *at) {
 
 bool lcm_udp_parse(const char *url, lcm_udp_address_t *address) {
     static const char prefix[] = "udpm://";
+    static const char ttl_option[] = "?ttl=";
     char host[INET_ADDRSTRLEN];
-    int port = 0;
-    int ttl = 0;
+    int used = 0;
     memset(address, 0, sizeof *address);
     if (strncmp(url, prefix, sizeof prefix - 1) != 0) {
         return false;
     }
-    const int fields = sscanf(url + sizeof prefix - 1, "%15[0-9.]:%d?ttl=%d", host, &port, &ttl);
-    if (fields < 2 || port < 1 || port > 65535 || ttl < 0 || ttl > 255 ||
+    url += sizeof prefix - 1;
+    if (sscanf(url, "%15[0-9.]:%n", host, &used) != 1 || used == 0) {
+        return false;
+    }
+    char *end = NULL;
+    long ttl = 0;
+    const long port = strtol(url + used, &end, 10);
+    if (strncmp(end, ttl_option, sizeof ttl_option - 1) == 0) {
+        ttl = strtol(end + sizeof ttl_option - 1, &end, 10);
+    }
+    if (port < 1 || port > 65535 || ttl < 0 || ttl > 255 ||
         inet_pton(AF_INET, host, &address->group.sin_addr) != 1) {
         return false;
     }
     address->group.sin_family = AF_INET;
     address->group.sin_port = htons((uint16_t)port);
-    address->ttl = ttl;
+    address->ttl = (int)ttl;
     return true;
 }
 
@@ -180,7 +189,7 @@ void lcm_udp_receiver_close(lcm_udp_receiver_t *receiver) {
 
 bool lcm_udp_set_timeout(lcm_udp_receiver_t *receiver, int timeout_ms) {
     const struct timeval timeout = {.tv_sec = timeout_ms / 1000,
-                                    .tv_usec = (timeout_ms % 1000) * 1000};
+                                    .tv_usec = (timeout_ms % 1000) * 1000L};
     return setsockopt(receiver->fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout) == 0;
 }
 

@@ -2,7 +2,8 @@
  * motor_node: the firmware on the POSIX port, on SocketCAN. In the stepped time base encoder and
  * motor are the simulated arm's over LCM: one joint tick per ARM_STATE, and the frames of a SYNC
  * period are complete when BUS_CLOSED says how many there are (docs/architecture.md). With
- * --free-running the node is alone on the bus and on the wall clock (free_running.h).
+ * --free-running the node is alone on the bus and on the wall clock (free_running.h). With --slcan
+ * it has a TCP port in place of a bus (slcan_server.h).
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -20,6 +21,7 @@
 #include "port/posix/free_running.h"
 #include "port/posix/lcm_udp.h"
 #include "port/posix/node_filters.h"
+#include "port/posix/slcan_server.h"
 #include "port/posix/stop_signal.h"
 
 enum {
@@ -41,6 +43,8 @@ typedef struct {
     long increments_per_revolution;
     long stall_timeout_ms;
     bool free_running;
+    bool slcan;
+    long slcan_port;
     free_running_options_t alone;
 } options_t;
 
@@ -54,6 +58,7 @@ typedef struct {
     motor_node_config_t config;
     motor_node_t node;
     int64_t last_utime;
+    int64_t arm_seq; /* of the next ARM_STATE */
     int64_t frames_received;
     int64_t frames_sent;
 } rig_t;
@@ -95,16 +100,20 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         {"increments-per-revolution", required_argument, NULL, 'r'},
         {"stall-timeout-ms", required_argument, NULL, 's'},
         {"free-running", no_argument, NULL, 'f'},
+        {"slcan", required_argument, NULL, 'L'},
         {"serial", required_argument, NULL, 'S'},
         {"parameters", required_argument, NULL, 'P'},
         {"referenced", no_argument, NULL, 'R'},
         {"after-watchdog", no_argument, NULL, 'W'},
+        {"internal-oscillator", no_argument, NULL, 'O'},
         {"temperature-dC", required_argument, NULL, 'T'},
         {"inertia", required_argument, NULL, 'I'},
         {"viscous-friction", required_argument, NULL, 'V'},
         {"coulomb-friction", required_argument, NULL, 'C'},
         {"torque-constant", required_argument, NULL, 'K'},
         {"index-rad", required_argument, NULL, 'X'},
+        {"angle-rad", required_argument, NULL, 'A'},
+        {"encoder-sign", required_argument, NULL, 'E'},
         {NULL, 0, NULL, 0},
     };
     *o = (options_t){.node_id = 0,
@@ -118,10 +127,12 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                                          .viscous_Nm_s = 0.05,
                                          .coulomb_Nm = 0.05,
                                          .torque_constant_Nm_A = 5.0,
-                                         .index_rad = 0.5}}};
+                                         .index_rad = 0.5,
+                                         .encoder_sign = 1}}};
     simulated_joint_config_t *joint = &o->alone.joint;
     long serial = 0;
     long temperature_dC = AMBIENT_dC;
+    long encoder_sign = 1;
     bool ok = true;
     int key;
     while (ok && (key = getopt_long(argc, argv, "", table, NULL)) != -1) {
@@ -148,6 +159,10 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'f':
             o->free_running = true;
             break;
+        case 'L':
+            o->slcan = true;
+            ok = parse_long(optarg, 0, UINT16_MAX, "slcan", &o->slcan_port);
+            break;
         case 'S':
             ok = parse_long(optarg, 0, UINT32_MAX, "serial", &serial);
             break;
@@ -159,6 +174,9 @@ static bool parse_options(int argc, char **argv, options_t *o) {
             break;
         case 'W':
             o->alone.supervisor_reset = true;
+            break;
+        case 'O':
+            o->alone.clock_fallback = true;
             break;
         case 'T':
             ok = parse_long(optarg, -2730, 32767, "temperature-dC", &temperature_dC);
@@ -178,13 +196,20 @@ static bool parse_options(int argc, char **argv, options_t *o) {
         case 'X':
             ok = parse_double(optarg, -1e6, "index-rad", &joint->index_rad);
             break;
+        case 'A':
+            ok = parse_double(optarg, -1e6, "angle-rad", &joint->angle_rad);
+            break;
+        case 'E':
+            ok = parse_long(optarg, -1, 1, "encoder-sign", &encoder_sign);
+            break;
         default:
             ok = false;
             break;
         }
     }
-    const long highest_id = o->free_running ? NODE_ID_MAX : JOINT_COUNT;
-    const bool unconfigured = o->free_running && o->node_id == LSS_UNCONFIGURED;
+    const bool alone = o->free_running || o->slcan;
+    const long highest_id = alone ? NODE_ID_MAX : JOINT_COUNT;
+    const bool unconfigured = alone && o->node_id == LSS_UNCONFIGURED;
     if (ok && (o->node_id == 0 || (o->node_id > highest_id && !unconfigured) || optind != argc)) {
         (void)fprintf(stderr,
                       "usage: motor_node --id 1|2|3 [--can IF] [--plant-url URL] "
@@ -192,9 +217,13 @@ static bool parse_options(int argc, char **argv, options_t *o) {
                       "[--stall-timeout-ms N]\n"
                       "       motor_node --id 1..127|255 --free-running [--can IF] [--serial N] "
                       "[--parameters FILE] [--referenced] [--after-watchdog] "
+                      "[--internal-oscillator] "
                       "[--temperature-dC N] [--inertia X] "
                       "[--viscous-friction X] [--coulomb-friction X] "
-                      "[--torque-constant X] [--index-rad X]\n");
+                      "[--torque-constant X] [--index-rad X] [--angle-rad X] "
+                      "[--encoder-sign 1|-1]\n"
+                      "       motor_node --id 1..127|255 --slcan PORT [--serial N] "
+                      "[--referenced]\n");
         ok = false;
     }
     o->alone.node_id = (uint8_t)o->node_id;
@@ -202,6 +231,7 @@ static bool parse_options(int argc, char **argv, options_t *o) {
     o->alone.can = o->can;
     o->alone.temperature_dC = (int16_t)temperature_dC;
     joint->increments_per_revolution = (uint32_t)o->increments_per_revolution;
+    joint->encoder_sign = encoder_sign < 0 ? -1 : 1;
     return ok;
 }
 
@@ -266,7 +296,7 @@ static bool step(rig_t *rig, const hpmc_lcm_arm_state_t *arm, const can_frame_t 
     rig->last_utime = arm->utime;
     motor_node_step(&rig->config, &rig->node, &input, &output);
     if (output.reset_requested) {
-        motor_node_init(&rig->config, &rig->node);
+        motor_node_restart(&rig->config, &rig->node);
     }
     rig->frames_sent += (int64_t)output.frame_count;
     const hpmc_lcm_joint_torque_t torque = {.utime = arm->utime,
@@ -277,14 +307,36 @@ static bool step(rig_t *rig, const hpmc_lcm_arm_state_t *arm, const can_frame_t 
            publish_torque(rig, &torque);
 }
 
+/* The joint ticks of a period. False when the run ends with them, and how: *status. */
+static bool run_ticks(rig_t *rig, const can_frame_t *frames, size_t count, int *status) {
+    static lcm_udp_message_t message;
+    hpmc_lcm_arm_state_t arm;
+    for (long tick = 0; tick < rig->options.joint_ticks; ++tick, ++rig->arm_seq) {
+        const int got = await(rig, &rig->arm_state, &message);
+        if (got <= 0) {
+            *status = got == 0 ? EXIT_SUCCESS : fail(&rig->options, "ARM_STATE", strerror(errno));
+            return false;
+        }
+        if (hpmc_lcm_arm_state_t_decode(message.payload, 0, message.payload_length, &arm) < 0 ||
+            arm.seq != rig->arm_seq) {
+            *status = fail(&rig->options, "ARM_STATE", "a message is damaged or was lost");
+            return false;
+        }
+        if (!step(rig, &arm, frames, tick == 0 ? count : 0U)) {
+            *status = fail(&rig->options, "sending", strerror(errno));
+            return false;
+        }
+    }
+    return true;
+}
+
 static int run(rig_t *rig) {
     static lcm_udp_message_t message;
     hpmc_lcm_bus_closed_t closed;
-    hpmc_lcm_arm_state_t arm;
     can_frame_t frames[MOTOR_NODE_RX_MAX];
-    int64_t arm_seq = 0;
+    int status = EXIT_SUCCESS;
     for (int64_t period = 0;; ++period) {
-        int got = await(rig, &rig->bus_closed, &message);
+        const int got = await(rig, &rig->bus_closed, &message);
         if (got <= 0) {
             return got == 0 ? EXIT_SUCCESS : fail(&rig->options, "BUS_CLOSED", strerror(errno));
         }
@@ -302,18 +354,8 @@ static int run(rig_t *rig) {
                                         : fail(&rig->options, rig->options.can, "a frame was lost");
         }
         rig->frames_received += expected;
-        for (long tick = 0; tick < rig->options.joint_ticks; ++tick, ++arm_seq) {
-            got = await(rig, &rig->arm_state, &message);
-            if (got <= 0) {
-                return got == 0 ? EXIT_SUCCESS : fail(&rig->options, "ARM_STATE", strerror(errno));
-            }
-            if (hpmc_lcm_arm_state_t_decode(message.payload, 0, message.payload_length, &arm) < 0 ||
-                arm.seq != arm_seq) {
-                return fail(&rig->options, "ARM_STATE", "a message is damaged or was lost");
-            }
-            if (!step(rig, &arm, frames, tick == 0 ? count : 0U)) {
-                return fail(&rig->options, "sending", strerror(errno));
-            }
+        if (!run_ticks(rig, frames, count, &status)) {
+            return status;
         }
     }
 }
@@ -324,6 +366,12 @@ int main(int argc, char **argv) {
         return EXIT_USAGE;
     }
     stop_signal_install(!rig.options.free_running);
+    if (rig.options.slcan) {
+        rig.config = (motor_node_config_t){.node_id = rig.options.alone.node_id,
+                                           .serial_number = rig.options.alone.serial_number,
+                                           .referenced = rig.options.alone.referenced};
+        return slcan_server(&rig.config, (uint16_t)rig.options.slcan_port);
+    }
     if (rig.options.free_running) {
         return free_running(&rig.options.alone);
     }

@@ -7,12 +7,13 @@
 #include <unistd.h>
 
 static off_t position(uint8_t copy, size_t offset) {
-    return (off_t)(copy * PARAMETER_STORE_COPY_BYTES + offset);
+    return (off_t)((size_t)copy * PARAMETER_STORE_COPY_BYTES + offset);
 }
 
 static bool read_bytes(void *context, uint8_t copy, size_t offset, uint8_t *data, size_t size) {
     const parameter_file_t *file = context;
-    return pread(file->fd, data, size, position(copy, offset)) == (ssize_t)size;
+    memset(data, 0xFF, size); /* beyond the end of the file: erased */
+    return pread(file->fd, data, size, position(copy, offset)) >= 0;
 }
 
 static bool write_bytes(void *context, uint8_t copy, size_t offset, const uint8_t *data,

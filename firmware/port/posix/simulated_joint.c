@@ -5,7 +5,7 @@
 #include "port/posix/encoder_model.h"
 
 static const double TWO_PI = 6.283185307179586;
-static const double STEP_us = 100.0;
+#define STEP_us 100U
 
 static void step(const simulated_joint_config_t *config, double torque_Nm, double step_s,
                  simulated_joint_t *joint) {
@@ -18,6 +18,12 @@ static void step(const simulated_joint_config_t *config, double torque_Nm, doubl
     joint->angle_rad += joint->speed_rad_s * step_s;
 }
 
+static int32_t encoder_inc(const simulated_joint_config_t *config, double since_start_rad) {
+    const double counted_rad = config->encoder_sign < 0 ? -since_start_rad : since_start_rad;
+    return encoder_model_increments(config->angle_rad + counted_rad,
+                                    config->increments_per_revolution);
+}
+
 /** Number of the index pulse at or below an angle. */
 static double index_below(const simulated_joint_config_t *config, double angle_rad) {
     return floor((angle_rad - config->index_rad) / TWO_PI);
@@ -26,23 +32,22 @@ static double index_below(const simulated_joint_config_t *config, double angle_r
 void simulated_joint_advance(const simulated_joint_config_t *config, double torque_Nm,
                              uint32_t elapsed_us, simulated_joint_t *joint) {
     const double before_rad = joint->angle_rad;
-    const double steps = ceil((double)elapsed_us / STEP_us);
-    for (double i = 0.0; i < steps; i += 1.0) {
-        step(config, torque_Nm, (double)elapsed_us * 1e-6 / steps, joint);
+    const uint32_t steps = elapsed_us / STEP_us + (elapsed_us % STEP_us != 0U ? 1U : 0U);
+    for (uint32_t i = 0; i < steps; i++) {
+        step(config, torque_Nm, (double)elapsed_us * 1e-6 / (double)steps, joint);
     }
     const double below = index_below(config, before_rad);
     const double now = index_below(config, joint->angle_rad);
     joint->index_seen = now != below;
     if (joint->index_seen) {
         const double at_rad = config->index_rad + TWO_PI * fmax(below, now);
-        joint->index_position_inc =
-            encoder_model_increments(at_rad, config->increments_per_revolution);
+        joint->index_position_inc = encoder_inc(config, at_rad);
     }
 }
 
 int32_t simulated_joint_position_inc(const simulated_joint_config_t *config,
                                      const simulated_joint_t *joint) {
-    return encoder_model_increments(joint->angle_rad, config->increments_per_revolution);
+    return encoder_inc(config, joint->angle_rad);
 }
 
 uint32_t simulated_joint_current_mA(const simulated_joint_config_t *config, double torque_Nm) {

@@ -19,10 +19,12 @@ typedef struct {
     double torque_constant_Nm_A; /**< > 0 */
     double index_rad;            /**< of the index pulse, and one each revolution from there */
     uint32_t increments_per_revolution; /**< of the encoder, 256..2^24 */
+    double angle_rad;                   /**< what the encoder shows at power-on */
+    int8_t encoder_sign;                /**< < 0: the encoder is mounted the wrong way round */
 } simulated_joint_config_t;
 
 typedef struct {
-    double angle_rad; /**< zero at power-on, as an incremental encoder counts */
+    double angle_rad; /**< since power-on, as an incremental encoder counts */
     double speed_rad_s;
     bool index_seen;            /**< the index pulse passed in the last advance */
     int32_t index_position_inc; /**< where, as the timer's capture would hold it */
@@ -32,7 +34,7 @@ typedef struct {
 void simulated_joint_advance(const simulated_joint_config_t *config, double torque_Nm,
                              uint32_t elapsed_us, simulated_joint_t *joint);
 
-/** What an incremental encoder counts: the nearest increment since power-on, saturated. */
+/** What the encoder shows: the nearest increment, saturated. */
 int32_t simulated_joint_position_inc(const simulated_joint_config_t *config,
                                      const simulated_joint_t *joint);
 

@@ -13,7 +13,9 @@ import can
 import canopen
 import pytest
 
-from hpmc.layout import PROGRAMS, ROOT
+from hpmc.layout import NUMBERS, ROOT
+from hpmc.node import command as node_command
+from hpmc.node import parser as node_parser
 
 IFACE = "vcan0"
 EDS = ROOT / "firmware" / "od" / "motor_node.eds"
@@ -67,8 +69,10 @@ class Bench:
         self.processes: list[subprocess.Popen[bytes]] = []
 
     def start(self, node_id: int, *options: str) -> subprocess.Popen[bytes]:
-        words = [str(PROGRAMS["motor_node"]), "--free-running", "--can", IFACE]
-        process = subprocess.Popen([*words, "--id", str(node_id), *options], stdout=subprocess.PIPE)
+        fixed = ["--fixed"] if NUMBERS == "fixed" else []
+        words = ["--can", IFACE, "--id", str(node_id), *fixed, *options]
+        command = node_command(node_parser().parse_args(words))  # as ./rig node starts it
+        process = subprocess.Popen(command, stdout=subprocess.PIPE)
         self.processes.append(process)
         assert process.stdout is not None
         assert process.stdout.readline() == b"READY\n"

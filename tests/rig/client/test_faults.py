@@ -19,6 +19,7 @@ CURRENT = 0x0080
 NO_COMMAND = 0x0200
 OUTSIDE_WINDOW = 0x0400
 SPEED = 0x4000
+CLOCK = 0x8000
 WARNING = 0x0080
 
 
@@ -259,6 +260,19 @@ def test_watchdog_reset_boots_disabled(bench: Bench, network: canopen.Network) -
     until_booted(node)
     time.sleep(0.2)
     assert len(node.emcy.log) == 1
+
+
+def test_internal_oscillator(bench: Bench, drive: canopen.BaseNode402) -> None:
+    restart(bench, drive, "--internal-oscillator")
+    drive.op_mode = "CYCLIC SYNCHRONOUS TORQUE"
+    drive.state = "SWITCHED ON"
+    drive.controlword = 0x0F
+    until(lambda: drive.sdo[0x2200].raw & CLOCK)
+    assert drive.sdo[0x6041].raw & 0x6F == 0x23
+    drive.sdo[0x2F01].raw = 1  # stepped: node time does not come from the oscillator
+    drive.state = "OPERATION ENABLED"
+    until(lambda: drive.state == "OPERATION ENABLED")
+    assert drive.sdo[0x2200].raw & CLOCK == 0
 
 
 def test_refusals_say_why(bench: Bench, drive: canopen.BaseNode402) -> None:

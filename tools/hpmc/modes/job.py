@@ -22,7 +22,8 @@ class Job:
     jobs: int = 1  # sil
     realtime: bool = False
     uml: bool = False  # vcan
-    lcm_url: str | None = None  # sil
+    can: str | None = None  # bench
+    lcm_url: str | None = None  # sil, emulated
     targets: Path | None = None  # log of a run whose targets from outside act again
 
     def targets_option(self) -> list[str]:
@@ -47,3 +48,4 @@ class Mode:
 
     check: Callable[[Experiment, Configuration], None]  # raises ConfigurationError
     run: Callable[[Job], Outcome]
+    overrides: tuple[str, ...] = ()  # section.key=value that the mode brings, under the user's own

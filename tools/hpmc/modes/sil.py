@@ -5,6 +5,7 @@ import re
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from hpmc.configuration import Configuration, ConfigurationError
 from hpmc.experiment import Experiment
@@ -17,16 +18,34 @@ LCM_URL = re.compile(r"udpm://(\d{1,3}\.){3}\d{1,3}:\d{1,5}(\?ttl=\d{1,3})?")
 
 
 def check(experiment: Experiment, _: Configuration) -> None:
+    check_one_process_rig(experiment)
+    if experiment.jobs > 1 and (experiment.lcm_url or experiment.targets):
+        raise ConfigurationError("--jobs: one process only with --lcm-url and --targets")
+    if experiment.jobs > 1 and experiment.pace == "realtime":
+        raise ConfigurationError("--jobs: one process only with --pace realtime")
+
+
+def check_one_process_rig(experiment: Experiment) -> None:
+    """What holds for the program sil in each mode that runs it."""
     if experiment.uml:
         raise ConfigurationError("--uml: goes with --mode vcan")
     if experiment.lcm_url is not None and not LCM_URL.fullmatch(experiment.lcm_url):
         raise ConfigurationError(
             f"--lcm-url {experiment.lcm_url}: must be like {DEFAULT_TELEMETRY_URL}"
         )
-    if experiment.jobs > 1 and (experiment.lcm_url or experiment.targets):
-        raise ConfigurationError("--jobs: one process only with --lcm-url and --targets")
-    if experiment.jobs > 1 and experiment.pace == "realtime":
-        raise ConfigurationError("--jobs: one process only with --pace realtime")
+
+
+def program(job: Job, log: Path) -> list[str]:
+    """The program sil with the options that each of its modes takes."""
+    return [
+        str(PROGRAMS["sil"]),
+        "--config", str(job.config_file),
+        "--log", str(log),
+        "--log-level", job.log_level,
+        *(["--realtime"] if job.realtime else []),
+        *(["--lcm-url", job.lcm_url] if job.lcm_url else []),
+        *job.targets_option(),
+    ]  # fmt: skip
 
 
 def spread(repetitions: int, jobs: int) -> list[tuple[int, int]]:
@@ -50,21 +69,10 @@ def run(job: Job) -> Outcome:
             log = job.folder / ("run.lcmlog" if len(parts) == 1 else f"run-{number:02d}.lcmlog")
             outcome.logs.append(log)
             command = [
-                str(PROGRAMS["sil"]),
-                "--config",
-                str(job.config_file),
-                "--log",
-                str(log),
-                "--log-level",
-                job.log_level,
-                "--first-repetition",
-                str(first),
-                "--repetitions",
-                str(count),
-                *(["--realtime"] if job.realtime else []),
-                *(["--lcm-url", job.lcm_url] if job.lcm_url else []),
-                *job.targets_option(),
-            ]
+                *program(job, log),
+                "--first-repetition", str(first),
+                "--repetitions", str(count),
+            ]  # fmt: skip
             watch.add(Child(command, line_reader(outcome, job.bar, number, first)))
         watch.wait()
     outcome.interrupted = watch.interrupted

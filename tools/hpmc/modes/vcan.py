@@ -13,6 +13,8 @@ from hpmc.layout import LAUNCHER, PROGRAMS, WITH_VCAN
 from hpmc.modes.job import Job, Outcome
 from hpmc.processes import Child, Watch
 
+LOG = "run.lcmlog"
+
 
 def check(experiment: Experiment, configuration: Configuration) -> None:
     if experiment.jobs > 1:
@@ -51,7 +53,13 @@ def sandbox_name() -> str:
 
 
 def run(job: Job) -> Outcome:
-    outcome = Outcome(logs=[job.folder / "run.lcmlog"])
+    sandbox = [str(WITH_VCAN), "--name", sandbox_name(), *(["--uml"] if job.uml else [])]
+    return run_session(job, vcan_plan(job, job.folder / LOG), sandbox)
+
+
+def run_session(job: Job, plan_of_job: dict[str, Any], sandbox: list[str]) -> Outcome:
+    """The processes of a plan under the launcher, inside a sandbox where one is named."""
+    outcome = Outcome(logs=[job.folder / LOG])
     result: dict[str, Any] = {}
 
     def on_line(line: str) -> None:
@@ -61,19 +69,9 @@ def run(job: Job) -> Outcome:
             result.update(json.loads(line.removeprefix("RESULT ")))
 
     with tempfile.NamedTemporaryFile("w", suffix=".json", dir=job.folder) as plan:
-        json.dump(vcan_plan(job, outcome.logs[0]), plan)
+        json.dump(plan_of_job, plan)
         plan.flush()
-        command = [
-            str(WITH_VCAN),
-            "--name",
-            sandbox_name(),
-            *(["--uml"] if job.uml else []),
-            sys.executable,
-            "-I",
-            "-S",
-            str(LAUNCHER),
-            plan.name,
-        ]
+        command = [*sandbox, sys.executable, "-I", "-S", str(LAUNCHER), plan.name]
         with Watch() as watch:
             child = Child(command, on_line)
             watch.add(child)
@@ -81,7 +79,7 @@ def run(job: Job) -> Outcome:
         outcome.interrupted = watch.interrupted
     if not result:
         outcome.reason = " ".join(child.errors[-3:]) or (
-            f"the vcan session ended with status {child.process.returncode}"
+            f"the session ended with status {child.process.returncode}"
         )
         return outcome
     outcome.wall_s = result["wall_s"]

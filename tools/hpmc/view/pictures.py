@@ -87,6 +87,8 @@ def rig_picture(info: dict[str, Any]) -> dict[str, Any]:
         "length_m": values["arm"]["length_m"],
         "centre_m": values["experiment"]["centre_m"],
         "radius_m": values["experiment"]["radius_m"],
+        "clock": values["experiment"].get("path", "clock") == "clock",
+        "reaches": values["experiment"].get("reaches", 16),
         "region_m": values["region_of_attraction"]["saturation_m"],
         "torque_limit_Nm": values["joint_coordination"]["torque_limit_Nm"],
         "w_t_rad": values["dynamic_task"]["w_t_rad"],

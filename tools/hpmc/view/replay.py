@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from hpmc.lcm_log import LcmLog, LogError
+from hpmc.lcm_log import LogError
+from hpmc.run_folder import RunFolder
 from hpmc.view.pictures import node_picture, rig_picture, state_picture
 
 
@@ -14,10 +15,8 @@ class Replay:
 
     def __init__(self, folder: Path) -> None:
         """Raises LogError when the folder holds no readable log of a run."""
-        paths = [folder] if folder.is_file() else sorted(folder.glob("run*.lcmlog"))
-        if not paths:
-            raise LogError(f"{folder} holds no run.lcmlog")
-        logs = [LcmLog(path) for path in paths]
+        run = RunFolder(folder)
+        logs = run.logs
         for log in logs:
             if not log.count("HPMC_STATE"):
                 raise LogError(f"{log.path} has no HPMC_STATE: it is not the log of a run")
@@ -34,11 +33,7 @@ class Replay:
         if not self._logs[0].count("RUN_INFO"):
             raise LogError(f"{self._logs[0].path} has no RUN_INFO: the configuration is unknown")
         self.rig = rig_picture(next(self._logs[0].messages("RUN_INFO")))
-        self.damage = [
-            f"{log.path.name}: {part.length} bytes at {part.offset} cannot be read"
-            for log in self._logs
-            for part in log.damage
-        ]
+        self.damage = run.problems
 
     def marks(self) -> list[float]:
         """Where reaches begin, s."""

@@ -64,7 +64,7 @@ export class ArmView {
     this.grid(g, width, height);
     if (rig) {
       this.ring(g, rig);
-      this.targets(g, rig);
+      if (rig.clock) this.targets(g, rig);
     }
     this.scales(g, height);
   }

@@ -205,7 +205,8 @@ function perSecond(now) {
 
 function say(state) {
   at("time").textContent = `${state.t.toFixed(3)} s`;
-  const reach = state.reach >= 0 ? `, reach ${state.reach + 1} of 16, clock position ${state.target}` : "";
+  const reach = state.reach >= 0 ? `, reach ${state.reach + 1} of ${hello.rig.reaches}`
+    + (state.target > 0 ? `, clock position ${state.target}` : "") : "";
   const stretched = state.saturated ? ", desired hand out of reach" : "";
   at("where").textContent =
     `${hello.rig.mode}, repetition ${state.repetition + 1}: ${PHASES[state.phase] ?? ""}${reach}${stretched}`;
