@@ -18,6 +18,7 @@ from synthetic_log import message_types, write_clock_log
 
 from hpmc.layout import ROOT
 from hpmc.report import command
+from hpmc.report.charts import period_chart
 from hpmc.report.command import make_page
 from hpmc.report.reach import find_reaches, read_reach
 from hpmc.report.timeline import read_timeline
@@ -153,6 +154,15 @@ def test_versions_and_health(run: Path, page: str) -> None:
     assert "ARM_STATE 12100 1000.00 1.000 0 0 0" in text
     assert "181h N1_TPDO1" in text
     assert "Emergencies None." in text
+
+
+def test_run_on_the_wall_clock_shows_how_long_its_periods_were() -> None:
+    assert period_chart({"overruns": 0, "lateness_max_us": 12}) is None
+    pace = {"period_us": 1000.0, "histogram_bin_us": 10.0, "period_histogram": [[98, 2], [100, 7]]}
+    chart = period_chart(pace)
+    assert chart is not None and chart.title == "Length of the SYNC periods"
+    bars = re.findall(r"fill: var\(--blue\)", chart.svg)
+    assert len(bars) == 2 and "from one SYNC to the next, ms" in chart.svg
 
 
 # --- one reach -----------------------------------------------------------------------------------

@@ -3,11 +3,10 @@
 import argparse
 import contextlib
 import itertools
-import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NoReturn
 
 from rich.console import Console
@@ -17,6 +16,7 @@ from hpmc.can.show import Clock, Selection, line, picture, totals
 from hpmc.can.sources import Live, Recording, SourceError, SourceGone, find_source
 from hpmc.can.state import BusState
 from hpmc.can.words import names
+from hpmc.output import quiet_pipe
 
 EXIT_USAGE = 2
 EXIT_ENDED = 3
@@ -160,16 +160,6 @@ def _watch(
                         source.name, state, source.dropped, source.damaged, selection, clock,
                         console, live=True,
                     ), refresh=True)  # fmt: skip
-
-
-@contextlib.contextmanager
-def quiet_pipe() -> Iterator[None]:
-    """A reader that has seen enough (`| head`) is no error."""
-    try:
-        yield
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main(argv: Sequence[str]) -> int:

@@ -24,10 +24,10 @@ from hpmc.report import charts
 from hpmc.report.reach import ReachPlace, find_reaches, read_reach
 from hpmc.report.timeline import Timeline, read_timeline
 from hpmc.run_folder import RunFolder
+from hpmc.run_results import WHOLE_CLOCK
 from hpmc.summary import metric_summary
 
 BASE_EXPERIMENT = "clock"  # its file holds every key (docs/configuration.md)
-WHOLE_CLOCK = 16  # reaches of a repetition of the paper's experiment
 _LOAD_BUCKET_S = 0.1
 _LOAD_POINTS = 600
 _WIDE_PX = 1300
@@ -36,7 +36,6 @@ _FIGURE_TITLES = {
     "fig4_rmse_per_target": "Tracking errors per target",
     "fig5_paths_and_speed": "Hand paths and speed", "fig6_manipulability": "Manipulability",
     "fig7_comparison": "Beside harmonic and minimum-jerk movements",
-    "fig_timing": "Length of the SYNC periods",
 }  # fmt: skip
 
 
@@ -306,7 +305,8 @@ def _geometry(run: RunFolder) -> ClockGeometry:
 def _pictures(run: RunFolder, analysis: Analysis | None, missing: list[str]) -> list[Picture]:
     """Those of the run; drawn anew where it has none and they can be."""
     if run.path.is_dir():
-        files = sorted(run.path.glob("fig*.png"))
+        # The lengths of the SYNC periods are drawn with the timing.
+        files = sorted(file for file in run.path.glob("fig*.png") if file.stem != "fig_timing")
         if files:
             return [_picture(file.stem, file.read_bytes()) for file in files]
     if analysis is None or not _is_papers(run):
