@@ -133,7 +133,7 @@ int open_line(const std::string &owner, const std::string &address, int timeout_
 
 } // namespace
 
-SlcanLink::SlcanLink(const std::string &address, std::string owner, int timeout_ms)
+SlcanLink::SlcanLink(const std::string &address, const std::string &owner, int timeout_ms)
     : SlcanLink(open_line(owner, address, timeout_ms), owner + " (" + address + ")", timeout_ms) {}
 
 SlcanLink::SlcanLink(int fd, std::string owner, int timeout_ms)

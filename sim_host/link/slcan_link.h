@@ -33,7 +33,7 @@ class SlcanLink {
     /// address: slcan:tcp:HOST:PORT, slcan:DEVICE or slcan:DEVICE@BAUD (1000000, that of the
     /// board's USART, when left out; a USB adapter does not care). owner: whose line it is, for
     /// error texts. Throws LinkError when the address is none or nobody is there.
-    SlcanLink(const std::string &address, std::string owner, int timeout_ms = kTimeout_ms);
+    SlcanLink(const std::string &address, const std::string &owner, int timeout_ms = kTimeout_ms);
     /// Takes over an open, bidirectional descriptor.
     SlcanLink(int fd, std::string owner, int timeout_ms = kTimeout_ms);
     ~SlcanLink(); ///< closes the channel

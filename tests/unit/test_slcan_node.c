@@ -8,7 +8,7 @@ static slcan_node_t slcan;
 static slcan_node_text_t text;
 static char sent[4096]; /* since the last call of line() */
 static size_t sent_length;
-static unsigned steps;
+static unsigned steps_done;
 
 static void keep(void) {
     TEST_ASSERT_TRUE(text.length <= SLCAN_NODE_TEXT_MAX);
@@ -26,7 +26,7 @@ static void step(void) {
     }
     slcan_node_output(&rig.output, &slcan, &text);
     keep();
-    steps++;
+    steps_done++;
 }
 
 /* Gives characters to the node as its port does; returns what it sent. */
@@ -56,7 +56,7 @@ static void open_stepped(void) {
     (void)line("O\r");
     (void)timer(); /* boot-up */
     rig.node.od.time_base = 1;
-    steps = 0;
+    steps_done = 0;
 }
 
 static void tick(uint8_t number) {
@@ -70,7 +70,7 @@ static void tick(uint8_t number) {
 void setUp(void) {
     rig_init();
     memset(&slcan, 0, sizeof slcan);
-    steps = 0;
+    steps_done = 0;
 }
 void tearDown(void) {}
 
@@ -127,9 +127,9 @@ void test_garbage_and_half_lines(void) {
     (void)line("t0801");
     slcan_node_lose(&slcan);
     TEST_ASSERT_EQUAL_STRING("\a", line("A5\r"));
-    TEST_ASSERT_EQUAL_UINT(0, steps);
+    TEST_ASSERT_EQUAL_UINT(0, steps_done);
     tick(1); /* and the next whole line is taken */
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
     TEST_ASSERT_EQUAL_UINT16(3, rig.node.od.counters_frames_not_read);
 }
 
@@ -138,19 +138,19 @@ void test_garbage_and_half_lines(void) {
 void test_free_running_frames_wait_for_the_timer(void) {
     TEST_ASSERT_EQUAL_STRING("\r", line("O\r"));
     TEST_ASSERT_EQUAL_STRING("", line("t6028402F2F0000000000\rt0000\r"));
-    TEST_ASSERT_EQUAL_UINT(0, steps);
+    TEST_ASSERT_EQUAL_UINT(0, steps_done);
     TEST_ASSERT_EQUAL_STRING("t702100\rt5828802F2F0000000206\r\r\r", timer());
     tick(1); /* RPDO4 closes nothing in this time base */
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
 }
 
 void test_rpdo4_closes_the_tick_and_answers_come_last(void) {
     open_stepped();
     TEST_ASSERT_EQUAL_STRING("", line("t6028401810010000"
                                       "0000\rt703105\r"));
-    TEST_ASSERT_EQUAL_UINT(0, steps);
+    TEST_ASSERT_EQUAL_UINT(0, steps_done);
     tick(1); /* vendor-id, 1018h:01 */
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
     TEST_ASSERT_EQUAL_UINT(3, rig.input.frame_count);
     TEST_ASSERT_EQUAL_MEMORY("t5828431810010", sent, 14);
     TEST_ASSERT_EQUAL_STRING("\r\r\r\r", &sent[21]);
@@ -170,7 +170,7 @@ void test_time_is_the_difference_of_the_tick_numbers(void) {
     rig.node.od.communication_cycle_period = 4000;
     tick(3); /* 255 ticks are more than a step may take */
     TEST_ASSERT_EQUAL_UINT32(1000000, rig.input.elapsed_us);
-    TEST_ASSERT_EQUAL_UINT(4, steps);
+    TEST_ASSERT_EQUAL_UINT(4, steps_done);
 }
 
 void test_the_same_tick_again_is_refused(void) {
@@ -179,10 +179,10 @@ void test_the_same_tick_again_is_refused(void) {
     TEST_ASSERT_EQUAL_STRING("\r", sent);
     tick(7);
     TEST_ASSERT_EQUAL_STRING("\a", sent);
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
     TEST_ASSERT_EQUAL_STRING("F08\r", line("F\r"));
     tick(8);
-    TEST_ASSERT_EQUAL_UINT(2, steps);
+    TEST_ASSERT_EQUAL_UINT(2, steps_done);
     TEST_ASSERT_EQUAL_UINT16(1, rig.node.od.counters_frames_not_read);
 }
 
@@ -193,21 +193,21 @@ void test_setting_the_time_base_forgets_the_tick(void) {
     (void)line("t0000\r");
     rig.node.od.time_base = 1;
     tick(7);
-    TEST_ASSERT_EQUAL_UINT(2, steps);
+    TEST_ASSERT_EQUAL_UINT(2, steps_done);
     TEST_ASSERT_EQUAL_UINT32(1000, rig.input.elapsed_us);
 }
 
 void test_only_the_own_whole_rpdo4_closes(void) {
     open_stepped();
     (void)line("t5038393000000700FA00\rt502439300000\r");
-    TEST_ASSERT_EQUAL_UINT(0, steps);
+    TEST_ASSERT_EQUAL_UINT(0, steps_done);
     (void)line("t502539300000"
                "07\r");
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
     TEST_ASSERT_EQUAL_UINT(3, rig.input.frame_count);
     rig.node.node_id = LSS_UNCONFIGURED;
     tick(9);
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
 }
 
 void test_a_full_buffer_refuses_and_the_tick_still_closes(void) {
@@ -217,7 +217,7 @@ void test_a_full_buffer_refuses_and_the_tick_still_closes(void) {
     }
     TEST_ASSERT_EQUAL_STRING("\a", line("t7030\r"));
     tick(1);
-    TEST_ASSERT_EQUAL_UINT(1, steps);
+    TEST_ASSERT_EQUAL_UINT(1, steps_done);
     TEST_ASSERT_EQUAL_UINT(1U + MOTOR_NODE_RX_MAX, sent_length);
     TEST_ASSERT_EQUAL_INT(SLCAN_BEL, sent[0]); /* RPDO4 itself */
     TEST_ASSERT_EQUAL_UINT16(2, rig.node.od.counters_frames_not_read);

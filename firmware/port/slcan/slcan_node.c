@@ -1,13 +1,6 @@
 #include "port/slcan/slcan_node.h"
 
-#include <string.h>
-
 #include "od/od_access.h"
-
-static void add_text(const char *characters, size_t length, slcan_node_text_t *text) {
-    memcpy(&text->text[text->length], characters, length);
-    text->length += length;
-}
 
 static void answer(char character, slcan_node_text_t *text) {
     text->text[text->length] = character;
@@ -170,8 +163,7 @@ void slcan_node_output(const motor_node_output_t *output, slcan_node_t *slcan,
                        slcan_node_text_t *text) {
     text->length = 0;
     for (size_t i = 0; slcan->open && i < output->frame_count; i++) {
-        char line[SLCAN_TEXT_MAX];
-        add_text(line, slcan_from_frame(&output->frames[i], line), text);
+        text->length += slcan_from_frame(&output->frames[i], &text->text[text->length]);
     }
     for (size_t i = 0; i < slcan->answers_due; i++) {
         answer(SLCAN_CR, text);
