@@ -2,22 +2,14 @@
 
 #define CURRENT_MAX_mA 4294967U
 
-/** Takes the share into account that is 1 up to begin, 0 from end on, and linear between. The three
- * differ by at most 1000000. */
-static void apply(int32_t value, int32_t begin, int32_t end, uint16_t reason,
-                  derating_output_t *output) {
-    if (value <= begin) {
-        return;
-    }
-    output->reasons |= reason;
-    if (value >= end) {
-        output->share = 0;
-        return;
-    }
-    const int32_t share = (end - value) * DERATING_FULL / (end - begin);
-    if (share < output->share) {
-        output->share = share;
-    }
+/** 1 up to begin, 0 from end on, and linear between. The three differ by at most 1000000; value is
+ * above begin. */
+static int32_t share_of(int32_t value, int32_t begin, int32_t end) {
+    return value < end ? (end - value) * DERATING_FULL / (end - begin) : 0;
+}
+
+static int32_t lesser(int32_t a, int32_t b) {
+    return a < b ? a : b;
 }
 
 /** Beyond it a share is zero anyway. */
@@ -26,15 +18,24 @@ static int32_t kept(uint32_t part_ppm) {
 }
 
 derating_output_t derating(const derating_input_t *input, bool accelerates) {
-    derating_output_t output = {.share = DERATING_FULL};
-    apply(input->temperature_dC, input->temperature_begin_dC, input->temperature_end_dC,
-          LIMIT_REASON_TEMPERATURE, &output);
-    apply(kept(input->load_ppm), (int32_t)DERATING_WHOLE_ppm, 2 * (int32_t)DERATING_WHOLE_ppm,
-          LIMIT_REASON_CURRENT, &output);
-    if (accelerates) {
-        apply(kept(input->speed_ppm), (int32_t)input->speed_begin_ppm, (int32_t)DERATING_WHOLE_ppm,
-              LIMIT_REASON_SPEED, &output);
+    int32_t share = DERATING_FULL;
+    uint16_t reasons = 0;
+    if (input->temperature_dC > input->temperature_begin_dC) {
+        reasons |= LIMIT_REASON_TEMPERATURE;
+        share = lesser(share, share_of(input->temperature_dC, input->temperature_begin_dC,
+                                       input->temperature_end_dC));
     }
+    if (input->load_ppm > DERATING_WHOLE_ppm) {
+        reasons |= LIMIT_REASON_CURRENT;
+        share = lesser(share, share_of(kept(input->load_ppm), (int32_t)DERATING_WHOLE_ppm,
+                                       2 * (int32_t)DERATING_WHOLE_ppm));
+    }
+    if (accelerates && input->speed_ppm > input->speed_begin_ppm) {
+        reasons |= LIMIT_REASON_SPEED;
+        share = lesser(share, share_of(kept(input->speed_ppm), (int32_t)input->speed_begin_ppm,
+                                       (int32_t)DERATING_WHOLE_ppm));
+    }
+    const derating_output_t output = {.share = (int16_t)share, .reasons = reasons};
     return output;
 }
 

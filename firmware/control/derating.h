@@ -33,9 +33,16 @@ typedef struct {
 } derating_input_t;
 
 typedef struct {
-    int32_t share;    /**< 0..DERATING_FULL */
+    int16_t share;    /**< 0..DERATING_FULL */
     uint16_t reasons; /**< of every share below the full */
 } derating_output_t;
+
+/** Whether any share is below the full; if not, as nearly always, derating need not be asked. */
+static inline bool derating_applies(const derating_input_t *input, bool accelerates) {
+    return input->temperature_dC > input->temperature_begin_dC ||
+           input->load_ppm > DERATING_WHOLE_ppm ||
+           (accelerates && input->speed_ppm > input->speed_begin_ppm);
+}
 
 /** The share of the torque limit that may be used: the least of those by temperature, load and
  * speed. accelerates: the torque has the sign of the speed. */

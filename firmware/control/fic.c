@@ -1,12 +1,21 @@
 #include "control/fic.h"
 
 void fic_reset(int32_t position_inc, fic_t *fic) {
-    const fic_t at_rest = {.extreme_inc = position_inc};
-    *fic = at_rest;
+    fic->extreme_inc = position_inc;
+    fic->age_us = 0;
+    fic->a_max_rad = 0;
+    fic->extreme_rad = 0;
+    fic->f_max_Nm = 0;
+    fic->direction = 0;
+    fic->sign = 0;
+    fic->converging = false;
 }
 
-static bool moved_back(const fic_config_t *config, int32_t from_inc, int32_t to_inc) {
-    return ((int64_t)from_inc - to_inc) * 256 > (int64_t)config->delta_inc256;
+/** low_inc <= high_inc */
+static bool moved_back(const fic_config_t *config, int32_t low_inc, int32_t high_inc) {
+    const int64_t way_inc = (int64_t)high_inc - low_inc;
+    return (uint32_t)way_inc >
+           (uint32_t)config->delta_inc256 / 256U; /* both whole: so is 256 way > delta */
 }
 
 static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t *input,
@@ -18,7 +27,7 @@ static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t 
                 fic->age_us = 0;
             }
             fic->extreme_inc = q;
-        } else if (moved_back(config, fic->extreme_inc, q)) {
+        } else if (moved_back(config, q, fic->extreme_inc)) {
             fic->direction = -1;
             fic->extreme_inc = q;
             fic->age_us = 0;
@@ -29,7 +38,7 @@ static int8_t direction_of_motion(const fic_config_t *config, const fic_input_t 
                 fic->age_us = 0;
             }
             fic->extreme_inc = q;
-        } else if (moved_back(config, q, fic->extreme_inc)) {
+        } else if (moved_back(config, fic->extreme_inc, q)) {
             fic->direction = 1;
             fic->extreme_inc = q;
             fic->age_us = 0;
@@ -82,9 +91,9 @@ static void phase_by_error_growth(const fic_config_t *config, angle_t a, torque_
 
 torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
                   const fic_input_t *input, fic_t *fic) {
+    const int8_t sign = input->error_rad < 0 ? -1 : 1;
     const angle_t a = angle_abs(input->error_rad);
     const torque_t f = torque_profile(profile, a);
-    const int8_t sign = input->error_rad < 0 ? -1 : 1;
     const bool crossed = sign != fic->sign;
     fic->sign = sign;
     if (config->phase_rule == FIC_ERROR_GROWTH) {
@@ -97,8 +106,7 @@ torque_t fic_step(const fic_config_t *config, const torque_profile_t *profile,
     if (fic->converging) {
         const torque_t spring =
             fic->a_max_rad > 0
-                ? torque_scaled(fic->f_max_Nm, angle_difference(angle_sum(a, a), fic->a_max_rad),
-                                fic->a_max_rad)
+                ? torque_fraction(fic->f_max_Nm, angle_past_half(a, fic->a_max_rad), fic->a_max_rad)
                 : 0;
         torque = torque_min(spring, f);
     }

@@ -26,26 +26,33 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     const joint_command_t *before = &controller->before;
     const joint_command_t *now = &controller->now;
     const int32_t parts = config->ticks_per_sync;
-    const int32_t part = parts == 1 ? 1 : (int32_t)controller->tick;
+    int32_t interpolates = 1; /* a factor: a condition would cost the products more */
+    if (parts == 1) {
+        interpolates = 0;
+    }
+    const int32_t left = (parts - (int32_t)controller->tick) * interpolates;
+    const int32_t part = parts - left;
     if (controller->tick < config->ticks_per_sync) {
         controller->tick++;
     }
 
-    const int64_t error_steps = ((int64_t)before->position_inc - position_inc) * parts +
-                                ((int64_t)now->position_inc - before->position_inc) * part;
-    const int32_t t_d_mNm_parts =
-        before->torque_mNm * parts + (now->torque_mNm - before->torque_mNm) * part;
-    const int32_t t_max_before_mNm = before->torque_max_mNm;
+    /* parts times what lies between the two commands; the profile takes the lesser torque. */
+    const int64_t error_steps = (int64_t)now->position_inc * part +
+                                (int64_t)before->position_inc * left -
+                                (int64_t)position_inc * parts;
+    const int32_t t_d_mNm_parts = now->torque_mNm * part + before->torque_mNm * left;
     const int32_t t_max_mNm_parts =
-        t_max_before_mNm * parts + ((int32_t)now->torque_max_mNm - t_max_before_mNm) * part;
-    const torque_t t_d = torque_abs(torque_from_mNm(t_d_mNm_parts, config->ticks_per_sync));
+        (int32_t)now->torque_max_mNm * part + (int32_t)before->torque_max_mNm * left;
+    const int32_t t_d_size_mNm_parts = t_d_mNm_parts < 0 ? -t_d_mNm_parts : t_d_mNm_parts;
+    const int32_t t1_mNm_parts =
+        t_d_size_mNm_parts < t_max_mNm_parts ? t_d_size_mNm_parts : t_max_mNm_parts;
     const torque_t t_max = torque_from_mNm(t_max_mNm_parts, config->ticks_per_sync);
 
     const torque_profile_t profile = {
         .q_a_rad = config->q_a_rad,
         .q_p_rad = config->q_p_rad,
         .q_b_rad = config->q_b_rad,
-        .t1_Nm = torque_min(t_d, t_max),
+        .t1_Nm = torque_from_mNm(t1_mNm_parts, config->ticks_per_sync),
         .t2_Nm = t_max,
     };
     const fic_input_t input = {
@@ -55,8 +62,16 @@ void joint_controller_step(const joint_controller_config_t *config, int32_t posi
     };
     const torque_t asked = fic_step(&config->fic, &profile, &input, &controller->fic);
 
-    output->torque_Nm = torque_clamp(asked, config->torque_limit_Nm);
-    output->limited = output->torque_Nm != asked;
+    const torque_t limit = config->torque_limit_Nm;
+    output->torque_Nm = asked;
+    output->limited = true;
+    if (asked > limit) {
+        output->torque_Nm = limit;
+    } else if (asked < torque_negated(limit)) {
+        output->torque_Nm = torque_negated(limit);
+    } else {
+        output->limited = false;
+    }
     output->torque_max_Nm = t_max;
     output->f_max_Nm = controller->fic.f_max_Nm;
     output->error_rad = input.error_rad;

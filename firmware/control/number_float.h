@@ -3,8 +3,7 @@
  * number.h only.
  *
  * Angles and torques are floats in rad and N m, rounded to nearest: an angle is good to 4e-7 of
- * itself. A division by zero or not-a-number input gives NaN, which torque_is_number finds and
- * torque_to_mNm turns to 0.
+ * itself. A division by zero or not-a-number input gives NaN, which torque_is_number finds.
  */
 #ifndef NUMBER_FLOAT_H
 #define NUMBER_FLOAT_H
@@ -57,6 +56,16 @@ static inline angle_t angle_difference(angle_t a, angle_t b) {
     return a - b;
 }
 
+/** a - b, both 0 or more. */
+static inline angle_t angle_distance(angle_t a, angle_t b) {
+    return a - b;
+}
+
+/** 2 a - b, a 0 to 2 rad, b 0 or more. */
+static inline angle_t angle_past_half(angle_t a, angle_t b) {
+    return a + a - b;
+}
+
 /** |angle| */
 static inline angle_t angle_abs(angle_t angle) {
     return angle < 0.0f ? -angle : angle;
@@ -68,9 +77,17 @@ static inline torque_t torque_from_mNm(int32_t torque_mNm, uint32_t parts) {
     return (float)torque_mNm / (float)parts_per_Nm;
 }
 
-/** torque * numerator / denominator; exactly torque where both are equal. denominator > 0 */
-static inline torque_t torque_scaled(torque_t torque, angle_t numerator, angle_t denominator) {
+/** torque * numerator / denominator; exactly torque where both are equal. torque >= 0,
+ * denominator > 0, |numerator| up to denominator */
+static inline torque_t torque_fraction(torque_t torque, angle_t numerator, angle_t denominator) {
     return torque * (numerator / denominator);
+}
+
+/** low + (high - low) * numerator / denominator. 0 <= low <= high, 0 <= numerator <= denominator,
+ * denominator > 0 */
+static inline torque_t torque_between(torque_t low, torque_t high, angle_t numerator,
+                                      angle_t denominator) {
+    return low + (high - low) * (numerator / denominator);
 }
 
 /** slope * elapsed. elapsed_us 0..1000000 */
@@ -78,7 +95,8 @@ static inline torque_t torque_from_slope(uint32_t slope_mNm_s, uint32_t elapsed_
     return (float)slope_mNm_s * (float)elapsed_us * 1e-9f;
 }
 
-/** torque * part / whole, with whole > 0; exactly torque where both are equal. */
+/** torque * part / whole; exactly torque where both are equal. torque >= 0, whole > 0, part up to
+ * whole */
 static inline torque_t torque_part(torque_t torque, uint32_t part, uint32_t whole) {
     return torque * ((float)part / (float)whole);
 }
@@ -113,9 +131,10 @@ static inline torque_t torque_max(torque_t a, torque_t b) {
     return a > b ? a : b;
 }
 
-/** bound >= 0 */
-static inline torque_t torque_clamp(torque_t torque, torque_t bound) {
-    return torque > bound ? bound : torque < -bound ? -bound : torque;
+/** False when one of the two is NaN: the only case in which neither is less or equal. */
+static inline bool torques_are_numbers(torque_t a, torque_t b) {
+    /* cppcheck-suppress knownConditionTrueFalse ; it does not know NaN */
+    return a <= b || b <= a;
 }
 
 /** False for NaN. */
@@ -123,22 +142,14 @@ static inline bool torque_is_number(torque_t torque) {
     return torque == torque;
 }
 
-/** Whole mN m, rounded half away from zero, saturated to +-32767; NaN is 0. */
-static inline int16_t torque_to_mNm(torque_t torque) {
-    const float scaled = torque * 1000.0f;
-    if (!torque_is_number(scaled)) {
-        return 0;
-    }
+/** Whole mN m of a torque that is not negative: rounded half up, saturated to 32767. */
+static inline int16_t torque_size_to_mNm(torque_t size) {
+    const float scaled = size * 1000.0f;
     if (scaled >= 32767.0f) {
         return INT16_MAX;
     }
-    if (scaled <= -32767.0f) {
-        return -INT16_MAX;
-    }
-    const int32_t whole = (int32_t)scaled;
-    const float rest = scaled - (float)whole; /* exact: adding 0.5 first would round twice */
-    const int32_t carry = rest >= 0.5f ? 1 : rest <= -0.5f ? -1 : 0;
-    return (int16_t)(whole + carry);
+    const int32_t halves = (int32_t)(scaled * 2.0f); /* exact: adding 0.5 would round twice */
+    return (int16_t)((halves + 1) / 2);
 }
 
 #endif

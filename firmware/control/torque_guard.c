@@ -1,11 +1,12 @@
 #include "control/torque_guard.h"
 
-static torque_t cut(torque_t torque, torque_t bound, uint16_t reason, uint16_t *reasons) {
-    const torque_t result = torque_clamp(torque, bound);
-    if (result != torque) {
-        *reasons |= reason;
+/** Cuts the size of a torque. */
+static torque_t cut(torque_t size, torque_t bound, uint16_t reason, uint16_t *reasons) {
+    if (size <= bound) {
+        return size;
     }
-    return result;
+    *reasons |= reason;
+    return bound;
 }
 
 static torque_t slow(const torque_guard_input_t *input, uint16_t *reasons) {
@@ -21,8 +22,8 @@ static torque_t slow(const torque_guard_input_t *input, uint16_t *reasons) {
 
 torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
     torque_guard_output_t output = {0};
-    if (!torque_is_number(input->torque_Nm) || !torque_is_number(input->torque_limit_Nm) ||
-        !torque_is_number(input->torque_max_Nm) || !torque_is_number(input->f_max_Nm) ||
+    if (!torques_are_numbers(input->torque_Nm, input->torque_limit_Nm) ||
+        !torques_are_numbers(input->torque_max_Nm, input->f_max_Nm) ||
         !torque_is_number(input->torque_before_Nm)) {
         output.reasons = LIMIT_REASON_NOT_A_NUMBER;
         return output;
@@ -31,27 +32,33 @@ torque_guard_output_t torque_guard(const torque_guard_input_t *input) {
     if (input->slope_mNm_s != TORQUE_GUARD_SLOPE_OFF) {
         torque = slow(input, &output.reasons);
     }
-    const bool accelerates = (torque > 0 && input->moving > 0) || (torque < 0 && input->moving < 0);
-    const derating_output_t derated = derating(&input->motor, accelerates);
-    output.reasons |= derated.reasons;
+    const bool negative = torque < 0;
+    bool accelerates = torque > 0 && input->moving > 0;
+    bool beyond = input->position_inc >= input->position_max_inc;
+    if (negative) {
+        accelerates = input->moving < 0;
+        beyond = input->position_inc <= input->position_min_inc;
+    }
     torque_t limit = input->torque_limit_Nm;
-    if (derated.share < DERATING_FULL) {
+    if (derating_applies(&input->motor, accelerates)) {
+        const derating_output_t derated = derating(&input->motor, accelerates);
+        output.reasons |= derated.reasons;
         limit = torque_part(limit, (uint32_t)derated.share, DERATING_FULL);
     }
-    torque = cut(torque, torque_max(input->torque_max_Nm, input->f_max_Nm), LIMIT_REASON_TORQUE_MAX,
-                 &output.reasons);
-    torque = cut(torque, limit, LIMIT_REASON_TORQUE_LIMIT, &output.reasons);
+    torque_t size = torque_abs(torque); /* the bounds are symmetric */
+    size = cut(size, torque_max(input->torque_max_Nm, input->f_max_Nm), LIMIT_REASON_TORQUE_MAX,
+               &output.reasons);
+    size = cut(size, limit, LIMIT_REASON_TORQUE_LIMIT, &output.reasons);
     if (input->ramp_ppm < TORQUE_GUARD_RAMP_FULL) {
-        torque = cut(torque, torque_part(limit, input->ramp_ppm, TORQUE_GUARD_RAMP_FULL),
-                     LIMIT_REASON_BOUND_RAMP, &output.reasons);
+        size = cut(size, torque_part(limit, input->ramp_ppm, TORQUE_GUARD_RAMP_FULL),
+                   LIMIT_REASON_BOUND_RAMP, &output.reasons);
     }
-    const bool outward = (torque > 0 && input->position_inc >= input->position_max_inc) ||
-                         (torque < 0 && input->position_inc <= input->position_min_inc);
-    if (outward) {
-        torque = 0;
+    if (beyond && size > 0) {
+        size = 0;
         output.reasons |= LIMIT_REASON_POSITION_LIMIT;
     }
-    output.torque_Nm = torque;
-    output.torque_mNm = torque_to_mNm(torque);
+    const int16_t size_mNm = torque_size_to_mNm(size);
+    output.torque_Nm = negative ? torque_negated(size) : size;
+    output.torque_mNm = (int16_t)(negative ? -size_mNm : size_mNm);
     return output;
 }

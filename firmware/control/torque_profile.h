@@ -25,7 +25,20 @@ typedef struct {
     torque_t t2_Nm;
 } torque_profile_t;
 
-/** F(a), for a >= 0. */
-torque_t torque_profile(const torque_profile_t *profile, angle_t a_rad);
+/** F(a), for a >= 0. Here, since it is a part of every joint tick. */
+static inline torque_t torque_profile(const torque_profile_t *profile, angle_t a_rad) {
+    if (a_rad < profile->q_a_rad) {
+        return torque_fraction(profile->t1_Nm, a_rad, profile->q_a_rad);
+    }
+    if (a_rad <= profile->q_p_rad) {
+        return profile->t1_Nm;
+    }
+    if (a_rad < profile->q_b_rad) {
+        return torque_between(profile->t1_Nm, profile->t2_Nm,
+                              angle_distance(a_rad, profile->q_p_rad),
+                              angle_distance(profile->q_b_rad, profile->q_p_rad));
+    }
+    return profile->t2_Nm;
+}
 
 #endif

@@ -24,7 +24,8 @@ CORES = ("cortex-m3", "cortex-m0plus")
 # What the library may take from elsewhere. Any other name, above all a helper for float or double
 # (__aeabi_fadd, __aeabi_d2iz, __addsf3, __muldf3, ...), has no business in the fixed build.
 INTEGER_HELPERS = {
-    "__aeabi_uldivmod",  # 64-bit division: number_fixed.h, node_drive.c
+    "__aeabi_uldivmod",  # 64-bit division: configuration, torque slope, node_drive.c
+    "__clzsi2",  # leading zeros, M0+ has no instruction for them: number_fixed.h
     "__aeabi_ldivmod",
     "__aeabi_lmul",  # 64-bit product, M0+ has no instruction for it
     "__aeabi_uidiv",  # 32-bit division, M0+ likewise

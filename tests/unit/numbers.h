@@ -33,6 +33,12 @@ static inline double exactly_rad(angle_t angle) {
     return (double)angle / ANGLE_UNITS_PER_rad;
 }
 
+/** As the guard tells it to the bus. */
+static inline int16_t in_mNm(torque_t torque) {
+    const int16_t size_mNm = torque_size_to_mNm(torque_abs(torque));
+    return (int16_t)(torque < 0 ? -size_mNm : size_mNm);
+}
+
 static inline torque_t torque_of(float torque_Nm) {
     return torque_nearest((double)torque_Nm);
 }

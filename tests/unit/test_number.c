@@ -57,40 +57,40 @@ void test_torque_of_parts(void) {
 }
 
 void test_torque_rounds_half_away_from_zero(void) {
-    TEST_ASSERT_EQUAL_INT16(1, torque_to_mNm(torque_of(0.00052f)));
-    TEST_ASSERT_EQUAL_INT16(-1, torque_to_mNm(torque_of(-0.00052f)));
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(torque_of(0.00048f)));
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(torque_of(-0.00048f)));
-    TEST_ASSERT_EQUAL_INT16(1234, torque_to_mNm(torque_of(1.234f)));
+    TEST_ASSERT_EQUAL_INT16(1, in_mNm(torque_of(0.00052f)));
+    TEST_ASSERT_EQUAL_INT16(-1, in_mNm(torque_of(-0.00052f)));
+    TEST_ASSERT_EQUAL_INT16(0, in_mNm(torque_of(0.00048f)));
+    TEST_ASSERT_EQUAL_INT16(0, in_mNm(torque_of(-0.00048f)));
+    TEST_ASSERT_EQUAL_INT16(1234, in_mNm(torque_of(1.234f)));
     /* Exact in both builds: 1/16 and 3/16 N m = 62.5 and 187.5 mN m. */
-    TEST_ASSERT_EQUAL_INT16(63, torque_to_mNm(torque_of(0.0625f)));
-    TEST_ASSERT_EQUAL_INT16(-188, torque_to_mNm(torque_of(-0.1875f)));
+    TEST_ASSERT_EQUAL_INT16(63, in_mNm(torque_of(0.0625f)));
+    TEST_ASSERT_EQUAL_INT16(-188, in_mNm(torque_of(-0.1875f)));
 }
 
 void test_torque_saturates_symmetrically(void) {
-    TEST_ASSERT_EQUAL_INT16(32767, torque_to_mNm(torque_of(32.767f)));
-    TEST_ASSERT_EQUAL_INT16(32767, torque_to_mNm(torque_of(32767.0f)));
-    TEST_ASSERT_EQUAL_INT16(-32767, torque_to_mNm(torque_of(-32.768f)));
-    TEST_ASSERT_EQUAL_INT16(-32767, torque_to_mNm(torque_of(-32767.0f)));
+    TEST_ASSERT_EQUAL_INT16(32767, in_mNm(torque_of(32.767f)));
+    TEST_ASSERT_EQUAL_INT16(32767, in_mNm(torque_of(32767.0f)));
+    TEST_ASSERT_EQUAL_INT16(-32767, in_mNm(torque_of(-32.768f)));
+    TEST_ASSERT_EQUAL_INT16(-32767, in_mNm(torque_of(-32767.0f)));
 }
 
 void test_every_bus_torque_comes_back_unchanged(void) {
     for (int32_t torque = -32767; torque <= 32767; torque++) {
-        TEST_ASSERT_EQUAL_INT16(torque, torque_to_mNm(torque_from_mNm(torque, 1)));
+        TEST_ASSERT_EQUAL_INT16(torque, in_mNm(torque_from_mNm(torque, 1)));
     }
 }
 
 void test_scaling_by_one_is_exact(void) {
     const torque_t torque = torque_of(1.2345f);
     const angle_t angle = angle_of(0.0123f);
-    TEST_ASSERT_TRUE(torque_scaled(torque, angle, angle) == torque);
+    TEST_ASSERT_TRUE(torque_fraction(torque, angle, angle) == torque);
     TEST_ASSERT_TRUE(torque_part(torque, 1000000, 1000000) == torque);
 }
 
-void test_clamp_is_symmetrical(void) {
+void test_fractions_have_the_sign_of_the_numerator(void) {
     const torque_t bound = torque_of(2.0f);
-    TEST_ASSERT_TRUE(torque_clamp(torque_of(2.5f), bound) == bound);
-    TEST_ASSERT_TRUE(torque_clamp(torque_of(-2.5f), bound) == torque_negated(bound));
-    TEST_ASSERT_TRUE(torque_clamp(torque_of(-1.5f), bound) == torque_of(-1.5f));
+    TEST_ASSERT_TRUE(torque_fraction(bound, angle_of(-0.25f), angle_of(0.5f)) == torque_of(-1.0f));
+    TEST_ASSERT_TRUE(torque_between(bound, torque_of(3.0f), angle_of(0.25f), angle_of(0.5f)) ==
+                     torque_of(2.5f));
     TEST_ASSERT_TRUE(torque_is_number(bound));
 }

@@ -4,6 +4,7 @@
 
 #include "control/number.h"
 #include "control/torque_guard.h"
+#include "numbers.h"
 
 #define HALF_RADIAN (1 << 28)
 
@@ -47,19 +48,72 @@ void test_torques_are_in_2_to_the_minus_16_Nm(void) {
 }
 
 void test_ratios_round_half_away_from_zero(void) {
-    TEST_ASSERT_EQUAL_INT32(2, torque_scaled(3, 1, 2));
-    TEST_ASSERT_EQUAL_INT32(-2, torque_scaled(-3, 1, 2));
-    TEST_ASSERT_EQUAL_INT32(-2, torque_scaled(3, -1, 2));
-    TEST_ASSERT_EQUAL_INT32(2, torque_scaled(-3, -1, 2));
-    TEST_ASSERT_EQUAL_INT32(1, torque_scaled(4, 1, 3));
-    TEST_ASSERT_EQUAL_INT32(-1, torque_part(-1, 1, 2));
-    TEST_ASSERT_EQUAL_INT32(0, torque_part(-1, 1, 3));
+    TEST_ASSERT_EQUAL_INT32(2, torque_fraction(3, 1, 2));
+    TEST_ASSERT_EQUAL_INT32(-2, torque_fraction(3, -1, 2));
+    TEST_ASSERT_EQUAL_INT32(1, torque_fraction(4, 1, 3));
+    TEST_ASSERT_EQUAL_INT32(1, torque_part(1, 1, 2));
+    TEST_ASSERT_EQUAL_INT32(0, torque_part(1, 1, 3));
+}
+
+static void check_fraction(uint32_t factor, uint32_t numerator, uint32_t denominator) {
+    const uint64_t exactly =
+        ((uint64_t)factor * numerator + denominator / 2U) / denominator; /* 64 bits */
+    TEST_ASSERT_EQUAL_INT32(exactly, number_fraction(factor, numerator, denominator));
+}
+
+/* Edges, and random numbers of random lengths: each digit of the quotient guessed right, one too
+ * high and two too high. */
+void test_fractions_are_exact(void) {
+    static const uint32_t denominators[] = {1,          2,          3,          0xFFFF,
+                                            0x10000,    0x10001,    0x7FFFFFFF, 0x80000000,
+                                            0x8000FFFF, 0xFFFF0001, UINT32_MAX};
+    uint64_t random = 1;
+    for (size_t i = 0; i < sizeof denominators / sizeof denominators[0]; i++) {
+        const uint32_t whole = denominators[i];
+        const uint32_t parts[] = {0, 1, whole / 2U, whole / 2U + 1U, whole - 1U, whole};
+        for (size_t j = 0; j < sizeof parts / sizeof parts[0]; j++) {
+            check_fraction(0, parts[j] < whole ? parts[j] : whole, whole);
+            check_fraction(1, parts[j] < whole ? parts[j] : whole, whole);
+            check_fraction(0xFFFF, parts[j] < whole ? parts[j] : whole, whole);
+            check_fraction(INT32_MAX, parts[j] < whole ? parts[j] : whole, whole);
+        }
+    }
+    for (int i = 0; i < 1000000; i++) {
+        random ^= random << 13; /* xorshift: Marsaglia 2003 */
+        random ^= random >> 7;
+        random ^= random << 17;
+        const uint32_t denominator = (uint32_t)(random >> 32 >> (random & 31U)) | 1U;
+        const uint32_t numerator = (uint32_t)random % denominator;
+        check_fraction((uint32_t)(random >> 24) & (uint32_t)INT32_MAX, numerator, denominator);
+    }
+}
+
+void test_a_fraction_above_one_is_one(void) {
+    TEST_ASSERT_EQUAL_INT32(7, torque_fraction(7, 3, 2));
+    TEST_ASSERT_EQUAL_INT32(-7, torque_fraction(7, INT32_MIN, 2));
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, torque_part(INT32_MAX, UINT32_MAX, 1));
+}
+
+void test_conversion_from_mNm_is_exact(void) {
+    for (uint32_t parts = 1; parts <= 10U; parts++) {
+        for (int64_t torque_mNm = -327670; torque_mNm <= 327670; torque_mNm++) {
+            const int64_t size = torque_mNm < 0 ? -torque_mNm : torque_mNm;
+            const int64_t exactly = ((size << 16) + 500 * (int64_t)parts) / (1000 * (int64_t)parts);
+            const int32_t torque = torque_from_mNm((int32_t)torque_mNm, parts);
+            if (torque != (torque_mNm < 0 ? -exactly : exactly)) {
+                TEST_FAIL_MESSAGE("torque_from_mNm");
+            }
+        }
+    }
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, torque_from_mNm(INT32_MAX, 65));
+    TEST_ASSERT_EQUAL_INT32(2147418112, torque_from_mNm(32767000, 1));
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, torque_from_mNm(32768000, 1));
 }
 
 void test_torque_leaves_rounded_to_the_last_bit(void) {
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(32)); /* .488 mN m */
-    TEST_ASSERT_EQUAL_INT16(1, torque_to_mNm(33)); /* .504 mN m */
-    TEST_ASSERT_EQUAL_INT16(-1, torque_to_mNm(-33));
+    TEST_ASSERT_EQUAL_INT16(0, in_mNm(32)); /* .488 mN m */
+    TEST_ASSERT_EQUAL_INT16(1, in_mNm(33)); /* .504 mN m */
+    TEST_ASSERT_EQUAL_INT16(-1, in_mNm(-33));
 }
 
 void test_nothing_wraps_at_the_ends_of_the_range(void) {
@@ -69,8 +123,7 @@ void test_nothing_wraps_at_the_ends_of_the_range(void) {
         TEST_ASSERT_EQUAL_INT32(size, angle_abs(ends[i]));
         TEST_ASSERT_EQUAL_INT32(size, torque_abs(ends[i]));
         TEST_ASSERT_EQUAL_INT32(a > 0 ? -size : size, torque_negated(ends[i]));
-        TEST_ASSERT_EQUAL_INT32(a > 0 ? size : -size, torque_clamp(ends[i], INT32_MAX));
-        TEST_ASSERT_EQUAL_INT16(a > 1 ? 32767 : a < -1 ? -32767 : 0, torque_to_mNm(ends[i]));
+        TEST_ASSERT_EQUAL_INT16(a > 1 ? 32767 : a < -1 ? -32767 : 0, in_mNm(ends[i]));
         for (size_t j = 0; j < ENDS; j++) {
             const int64_t sum = a + ends[j];
             const int64_t difference = a - ends[j];
@@ -81,8 +134,6 @@ void test_nothing_wraps_at_the_ends_of_the_range(void) {
                                     angle_difference(ends[i], ends[j]));
             TEST_ASSERT_EQUAL_INT32(number_saturated(difference),
                                     torque_difference(ends[i], ends[j]));
-            TEST_ASSERT_EQUAL_INT32(number_saturated(a * ends[j]),
-                                    torque_scaled(ends[i], ends[j], 1));
         }
     }
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, number_saturated((int64_t)INT32_MAX + 1));
@@ -90,7 +141,6 @@ void test_nothing_wraps_at_the_ends_of_the_range(void) {
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, angle_from_urad(UINT32_MAX));
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, torque_from_mNm(INT32_MAX, 1));
     TEST_ASSERT_EQUAL_INT32(-INT32_MAX, torque_from_mNm(INT32_MIN, 1));
-    TEST_ASSERT_EQUAL_INT32(-INT32_MAX, torque_part(INT32_MIN, UINT32_MAX, 1));
 }
 
 void test_the_guard_takes_any_torque(void) {
@@ -106,7 +156,7 @@ void test_the_guard_takes_any_torque(void) {
             .slope_mNm_s = TORQUE_GUARD_SLOPE_OFF,
             .motor = {.temperature_end_dC = 1},
         };
-        const int16_t expected = torque_to_mNm(ends[i]);
+        const int16_t expected = in_mNm(ends[i]);
         TEST_ASSERT_EQUAL_INT16(expected, torque_guard(&input).torque_mNm);
     }
 }

@@ -3,6 +3,7 @@
 
 #include "control/number.h"
 #include "control/torque_guard.h"
+#include "numbers.h"
 
 static torque_guard_input_t input;
 static float nan_Nm;
@@ -33,8 +34,11 @@ static void expect(int16_t torque_mNm, uint16_t reasons) {
     TEST_ASSERT_EQUAL_HEX16(reasons, output.reasons);
 }
 
-void test_not_a_number_leaves_as_zero(void) {
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(nan_Nm));
+void test_not_a_number_beside_a_number_is_found(void) {
+    TEST_ASSERT_TRUE(torques_are_numbers(1.0f, -infinity_Nm));
+    TEST_ASSERT_FALSE(torques_are_numbers(nan_Nm, 1.0f));
+    TEST_ASSERT_FALSE(torques_are_numbers(1.0f, nan_Nm));
+    TEST_ASSERT_FALSE(torques_are_numbers(nan_Nm, nan_Nm));
 }
 
 void test_the_guard_takes_not_a_number_as_zero(void) {
@@ -54,7 +58,7 @@ void test_the_guard_cuts_infinity(void) {
 
 void test_rounding_happens_once(void) {
     /* The float below half a mN m: adding 0.5 to its 1000-fold would give 1. */
-    TEST_ASSERT_EQUAL_INT16(0, torque_to_mNm(0.00049999997f));
-    TEST_ASSERT_EQUAL_INT16(1, torque_to_mNm(0.0005f));
-    TEST_ASSERT_EQUAL_INT16(3, torque_to_mNm(0.0025f));
+    TEST_ASSERT_EQUAL_INT16(0, in_mNm(0.00049999997f));
+    TEST_ASSERT_EQUAL_INT16(1, in_mNm(0.0005f));
+    TEST_ASSERT_EQUAL_INT16(3, in_mNm(0.0025f));
 }

@@ -1,4 +1,5 @@
-"""`./rig bench`: speed of sil beside that of ODE alone, in the same run."""
+"""`./rig bench`: speed of sil beside that of ODE alone, in the same run. `./rig bench firmware` is
+in bench_firmware.py."""
 
 import argparse
 import json
@@ -11,6 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from hpmc import bench_firmware
 from hpmc.layout import CONFIG, PROGRAMS
 
 RATIO_LIMIT = 2.0
@@ -18,6 +20,8 @@ REAL_TIME_LIMIT = 40.0
 
 
 def main(argv: Sequence[str]) -> int:
+    if argv[:1] == ["firmware"]:
+        return bench_firmware.main(argv[1:])
     parser = argparse.ArgumentParser(prog="./rig bench", description=__doc__)
     parser.add_argument("--rounds", type=int, default=7, help="medians of so many (default 7)")
     parser.add_argument("--json", action="store_true", help="one JSON line")
