@@ -16,25 +16,26 @@
 
 #define EMCY_COB_ID 0x080U
 
-/** Error codes (CiA 301, 7.2.7.1; CiA 402-2). */
+/** Error codes (CiA 301, 7.2.7.1; CiA 402-2), in the words that tools show
+ * (tools/hpmc/node_words.py). */
 typedef enum {
-    EMCY_NO_ERROR = 0x0000,
-    EMCY_OVER_CURRENT = 0x2310,
-    EMCY_OVER_TEMPERATURE = 0x4310,
-    EMCY_PARAMETERS_LOST = 0x5530,
-    EMCY_SUPERVISOR_RESET = 0x6010,
-    EMCY_ENCODER = 0x7305,
-    EMCY_OWN_NODE_ID = 0x8100,
-    EMCY_HEARTBEAT = 0x8130,
-    EMCY_BUS_OFF = 0x8140,
-    EMCY_PDO_TOO_SHORT = 0x8210,
-    EMCY_PDO_TOO_LONG = 0x8220,
-    EMCY_SYNC_LENGTH = 0x8240,
-    EMCY_COMMAND_DEADLINE = 0x8250,
-    EMCY_OVERSPEED = 0x8400,
-    EMCY_FOLLOWING_ERROR = 0x8611,
-    EMCY_POSITION_LIMIT = 0x8612,
-    EMCY_MISSED_SYNC = 0x8700
+    EMCY_NO_ERROR = 0x0000,         /**< no error */
+    EMCY_OVER_CURRENT = 0x2310,     /**< over-current */
+    EMCY_OVER_TEMPERATURE = 0x4310, /**< over-temperature */
+    EMCY_PARAMETERS_LOST = 0x5530,  /**< stored parameters lost, defaults taken */
+    EMCY_SUPERVISOR_RESET = 0x6010, /**< reset by watchdog or supervisor */
+    EMCY_ENCODER = 0x7305,          /**< encoder implausible */
+    EMCY_OWN_NODE_ID = 0x8100,      /**< own node-id heard from another device */
+    EMCY_HEARTBEAT = 0x8130,        /**< heartbeat missing */
+    EMCY_BUS_OFF = 0x8140,          /**< recovered from bus-off */
+    EMCY_PDO_TOO_SHORT = 0x8210,    /**< PDO too short, not processed */
+    EMCY_PDO_TOO_LONG = 0x8220,     /**< PDO too long */
+    EMCY_SYNC_LENGTH = 0x8240,      /**< SYNC of unexpected length */
+    EMCY_COMMAND_DEADLINE = 0x8250, /**< no command within the deadline */
+    EMCY_OVERSPEED = 0x8400,        /**< overspeed */
+    EMCY_FOLLOWING_ERROR = 0x8611,  /**< following error */
+    EMCY_POSITION_LIMIT = 0x8612,   /**< position limit exceeded */
+    EMCY_MISSED_SYNC = 0x8700       /**< SYNC missing */
 } emcy_code_t;
 
 /** Bits of the error register 1001h. */

@@ -1,11 +1,14 @@
-"""candump.log from the CAN_FRAMES of a log, in the format of `candump -L`, with simulated time.
+"""The format of `candump -L`: candump.log from the CAN_FRAMES of a log, with simulated time, and
+frames from such lines.
 
 A CAN_FRAMES message of tick k holds what the nodes sent in tick k-1, then what the host (and the
 sensor injection) sent in tick k; each frame is stamped with the tick in which it was sent.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +17,51 @@ from hpmc.lcm_types import FINGERPRINT_BYTES, load_type
 
 _FIRST_NODE, _LAST_NODE = 1, 3
 _WRITE_FRAMES = 200_000
+_LINE = re.compile(
+    r"\((\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|(?:[0-9A-Fa-f]{2}){0,8})\s*"
+    r"(?: [RT])?$"
+)
+ERROR_FLAG = 0x20000000  # of SocketCAN's identifiers
+
+
+class Frame(NamedTuple):
+    """One frame of a classical bus."""
+
+    time_s: float
+    cob_id: int
+    data: bytes
+    is_error: bool = False  # the controller's own words, no frame of the bus
+    is_remote: bool = False
+
+
+class CandumpReader:
+    """Frames from lines; `damaged` counts the lines that hold none, `first_damaged` is one."""
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self.first_damaged = 0
+
+    def frames(self, lines: Iterable[str]) -> Iterator[Frame]:
+        for number, line in enumerate(lines, start=1):
+            frame = parse_line(line)
+            if frame is not None:
+                yield frame
+            elif line.strip():
+                self.damaged += 1
+                self.first_damaged = self.first_damaged or number
+
+
+def parse_line(line: str) -> Frame | None:
+    """None where the line holds no frame of a classical bus."""
+    match = _LINE.match(line.strip())
+    if match is None:
+        return None
+    time_s, _, cob_id, data = match.groups()
+    number, remote = int(cob_id, 16), data.startswith("R")
+    return Frame(
+        float(time_s), number, b"" if remote else bytes.fromhex(data), bool(number & ERROR_FLAG),
+        remote,
+    )  # fmt: skip
 
 
 def write_candump(logs: Sequence[LcmLog], path: Path, interface: str = "vcan0") -> int:
@@ -21,13 +69,24 @@ def write_candump(logs: Sequence[LcmLog], path: Path, interface: str = "vcan0") 
     written = 0
     with path.open("w") as file:
         for log in logs:
-            message, frames = _read_frames(log)
-            utime = _send_times(log, message, frames["sender"])
-            for start in range(0, frames.size, _WRITE_FRAMES):
-                part = slice(start, start + _WRITE_FRAMES)
-                file.writelines(_lines(utime[part], frames[part], interface))
-            written += int(frames.size)
+            for lines in candump_lines(log, interface):
+                file.writelines(lines)
+                written += len(lines)
     return written
+
+
+def candump_lines(log: LcmLog, interface: str = "vcan0") -> Iterator[list[str]]:
+    """The lines of a log, many at a time."""
+    utime_us, frames = sent_frames(log)
+    for start in range(0, frames.size, _WRITE_FRAMES):
+        part = slice(start, start + _WRITE_FRAMES)
+        yield _lines(utime_us[part], frames[part], interface)
+
+
+def sent_frames(log: LcmLog) -> tuple[np.ndarray, np.ndarray]:
+    """When each frame of a log was sent (us, run clock), and the frames (can_frame_t)."""
+    message, frames = _read_frames(log)
+    return _send_times(log, message, frames["sender"]), frames
 
 
 def _lines(utime: np.ndarray, frames: np.ndarray, interface: str) -> list[str]:

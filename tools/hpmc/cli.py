@@ -8,6 +8,8 @@ MODULES = {
     "view": "hpmc.view.command",
     "node": "hpmc.node",
     "log": "hpmc.log",
+    "report": "hpmc.report.command",
+    "can": "hpmc.can.command",
     "bench": "hpmc.bench",
     "flash": "hpmc.flash",
     "doctor": "hpmc.doctor",

@@ -1,14 +1,13 @@
 """`./rig log`: looks into the logs of a run; see docs/logs.md."""
 
 import argparse
-import contextlib
 import dataclasses
 import json
 import math
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -17,6 +16,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from hpmc.lcm_log import LogError
 from hpmc.log_export import FORMATS, Selection, export, exportable
+from hpmc.output import quiet_pipe
 from hpmc.run_folder import RunFolder
 
 EXIT_DIFFERENT = 1
@@ -223,16 +223,6 @@ COMMANDS = {
     "diff": log_diff,
     "export": log_export,
 }
-
-
-@contextlib.contextmanager
-def quiet_pipe() -> Iterator[None]:
-    """A reader that has seen enough (`| head`) is no error."""
-    try:
-        yield
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main(argv: Sequence[str]) -> int:

@@ -1,7 +1,7 @@
 """What the numbers of a motor node say, in words: drive and NMT state, limit reasons, emergencies.
 
-Limit reasons are read from the description of 2200h in motor_node.eds. Sources of the others:
-CiA 402 (statusword), CiA 301 (NMT states, emergency error codes).
+Limit reasons and bits of the error register are read from motor_node.eds, emergencies from emcy.h.
+Sources of the others: CiA 402 (statusword), CiA 301 (NMT states).
 """
 
 import configparser
@@ -11,6 +11,7 @@ from functools import lru_cache
 from hpmc.layout import ROOT
 
 EDS = ROOT / "firmware" / "od" / "motor_node.eds"
+EMCY_HEADER = ROOT / "firmware" / "canopen" / "emcy.h"
 CONVERGENCE_BIT = 14
 WORD = 0xFFFF
 
@@ -26,24 +27,6 @@ _DRIVE_STATES = (
     (0x4F, 0x08, "fault"),
 )
 _NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
-_EMERGENCIES = {
-    0x0000: "no error",
-    0x2310: "over-current",
-    0x4310: "over-temperature",
-    0x6010: "reset by watchdog or supervisor",
-    0x7305: "encoder implausible",
-    0x8100: "own node-id heard from another device",
-    0x8130: "heartbeat missing",
-    0x8140: "recovered from bus-off",
-    0x8210: "PDO too short, not processed",
-    0x8220: "PDO too long",
-    0x8240: "SYNC of unexpected length",
-    0x8250: "no command within the deadline",
-    0x8400: "overspeed",
-    0x8611: "following error",
-    0x8612: "position limit exceeded",
-    0x8700: "SYNC missing",
-}
 
 
 def drive_state(statusword: int) -> str:
@@ -61,20 +44,39 @@ def nmt_state(value: int) -> str:
 
 def limit_reasons(bits: int) -> list[str]:
     """Why torque is less than asked for, or enabling refused, by 2200h."""
-    names = _limit_reason_names()
-    return [names.get(bit, f"bit {bit}") for bit in range(16) if bits >> bit & 1]
+    return _bits_in_words("2200", bits)
+
+
+def error_register(bits: int) -> list[str]:
+    """Kinds of error that last, by 1001h."""
+    return _bits_in_words("1001", bits)
 
 
 def emergency(code: int) -> str:
     """By the emergency error code."""
-    return _EMERGENCIES.get(code, "unknown emergency")
+    return emergencies().get(code, "unknown emergency")
 
 
 @lru_cache
-def _limit_reason_names() -> dict[int, str]:
+def emergencies() -> dict[int, str]:
+    """Words of every error code that the firmware can send."""
+    codes = re.findall(
+        r"^\s*EMCY_(\w+) = 0x([0-9A-F]{4}),?(?:\s*/\*\*<\s*(.*?)\s*\*/)?",
+        EMCY_HEADER.read_text(encoding="utf-8"), re.MULTILINE,
+    )  # fmt: skip
+    return {int(code, 16): words or name.lower().replace("_", " ") for name, code, words in codes}
+
+
+def _bits_in_words(section: str, bits: int) -> list[str]:
+    names = _bit_names(section)
+    return [names.get(bit, f"bit {bit}") for bit in range(16) if bits >> bit & 1]
+
+
+@lru_cache
+def _bit_names(section: str) -> dict[int, str]:
     eds = configparser.ConfigParser(interpolation=None, strict=False)
     eds.read(EDS, encoding="ascii")
     return {
         int(bit): name.strip()
-        for bit, name in re.findall(r"\b(\d+) ([^,;]+)", eds["2200"]["Description"])
+        for bit, name in re.findall(r"\b(\d+) ([^,;]+)", eds[section]["Description"])
     }

@@ -1,0 +1,1 @@
+"""The CAN bus in words, live or recorded: `./rig can`."""
