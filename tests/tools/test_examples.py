@@ -15,7 +15,7 @@ import matplotlib.image
 import pytest
 
 from hpmc import Experiment, Result
-from hpmc.layout import ROOT
+from hpmc.layout import BUILD, ROOT
 
 EXAMPLES = ROOT / "tools" / "examples"
 PAGE = ROOT / "docs" / "scripting.md"
@@ -25,7 +25,7 @@ LIMIT_S = 300
 def run_script(folder: Path, *arguments: str) -> str:
     """Runs Python as ./rig python does; what it printed."""
     environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(sys.path[:2]),
+        "PYTHONPATH": os.pathsep.join((str(ROOT / "tools"), str(BUILD / "lcm_types" / "python"))),
         "HPMC_RUNS": str(folder / "runs"),
         "MPLBACKEND": "agg",
     }

@@ -76,9 +76,9 @@ def test_the_float_build_would_be_found(tmp_path: Path) -> None:
 
 def test_fixed_builds_and_chooses_its_own_programs(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
-    unity = tmp_path / "build" / "unity" / "src" / "unity.c"
-    unity.parent.mkdir(parents=True)
-    unity.touch()
+    for fetched in ("unity/src/unity.c", "svd/STM32F40x.svd"):
+        (tmp_path / "build" / fetched).parent.mkdir(parents=True)
+        (tmp_path / "build" / fetched).touch()
     for arguments, build in (
         (["run", "clock"], "host"),
         (["run", "clock", "--fixed"], "host-fixed"),

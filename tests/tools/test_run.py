@@ -38,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 BAD = [
     (["--mode", "hil"],
-     "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan', 'emulated')"),
+     "argument --mode: invalid choice: 'hil' (choose from 'sil', 'vcan', 'emulated', 'bench')"),
     (["--sensors", "none"], "argument --sensors: invalid choice"),
     (["--pace", "fast"], "argument --pace: invalid choice"),
     (["--log", "all"], "argument --log: invalid choice"),
