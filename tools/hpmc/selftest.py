@@ -192,7 +192,7 @@ def steps() -> list[Step]:
             alone=True, fixed=True,
         ),
         Step(
-            "rig", "whole runs of the rig", [[*PYTEST, "tests/rig"]], 600,
+            "rig", "whole runs of the rig", [[*PYTEST, "tests/rig"]], 1200,
             "one test alone: build/venv/bin/python -m pytest tests/rig -k NAME", after="build",
             alone=True,
         ),

@@ -11,7 +11,7 @@ import time
 
 import can
 import canopen
-from conftest import EDS, Bench, until, until_booted
+from conftest import EDS, Bench, ticks, until, until_booted
 
 POSITION_LIMIT = 0x0008
 TEMPERATURE = 0x0040
@@ -270,9 +270,10 @@ def test_internal_oscillator(bench: Bench, drive: canopen.BaseNode402) -> None:
     until(lambda: drive.sdo[0x2200].raw & CLOCK)
     assert drive.sdo[0x6041].raw & 0x6F == 0x23
     drive.sdo[0x2F01].raw = 1  # stepped: node time does not come from the oscillator
-    drive.state = "OPERATION ENABLED"
-    until(lambda: drive.state == "OPERATION ENABLED")
-    assert drive.sdo[0x2200].raw & CLOCK == 0
+    with ticks(drive.network, drive.id):
+        drive.state = "OPERATION ENABLED"
+        until(lambda: drive.state == "OPERATION ENABLED")
+        assert drive.sdo[0x2200].raw & CLOCK == 0
 
 
 def test_refusals_say_why(bench: Bench, drive: canopen.BaseNode402) -> None:

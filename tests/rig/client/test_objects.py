@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import struct
 import time
+from collections.abc import Iterator
 
 import canopen
 import pytest
 from canopen.objectdictionary import ODVariable
-from conftest import EDS
+from conftest import EDS, ticks
 
 READ_ONLY = 0x06010002
 NO_OBJECT = 0x06020000
@@ -101,6 +102,14 @@ def test_objects_that_only_read_refuse_every_write(node: canopen.BaseNode402) ->
     assert wrong == []
 
 
+@pytest.fixture
+def stepped(node: canopen.BaseNode402) -> Iterator[None]:
+    """Somebody closes the ticks, for tests that set 2F01h."""
+    with ticks(node.network, node.id):
+        yield
+
+
+@pytest.mark.usefixtures("stepped")
 def test_writes_within_and_beyond_the_range(node: canopen.BaseNode402) -> None:
     wrong = []
     count = 0
