@@ -53,6 +53,7 @@ static uint32_t last_step_us;
 static volatile bool tick_due; /* set by the timers */
 
 /* The supervisor's: written by main and by the node's exception, read by the time's. */
+static volatile bool feed_due; /* of the watchdog, once a beat */
 static volatile bool main_alive;
 static volatile bool ticks_alive;
 static uint32_t silent_beats;
@@ -194,6 +195,7 @@ static bool is_alive(void) {
 /* cppcheck-suppress unusedFunction ; interrupt_time branches to it */
 __attribute__((used)) static void beat(const uint32_t *frame) {
     time_base_expired();
+    feed_due = true;
     if (is_alive()) {
         main_alive = false;
         ticks_alive = false;
@@ -270,7 +272,10 @@ int main(void) {
     start_ticks();
     for (;;) {
         main_alive = true;
-        watchdog_feed();
+        if (feed_due) { /* not each time round: it takes main and the beat to keep it fed */
+            feed_due = false;
+            watchdog_feed();
+        }
         const bool sent = usart_transmit();
         const uint32_t before = interrupts_block();
         if (sent && usart_transmit()) { /* nothing has come in between: sleep until it does */

@@ -1,6 +1,7 @@
 """As sil, but each node is the flash image itself on an emulated Cortex-M4 (docs/emulated.md)."""
 
 import contextlib
+import os
 import signal
 import socket
 import subprocess
@@ -79,6 +80,7 @@ def start_board(node_id: int, elf: Path, folder: Path) -> Board:
     page = folder / f"node_{node_id}.bin"
     page.write_bytes(device_page(node_id, SERIAL_BASE + node_id).to_bytes())
     errors = folder / f"node_{node_id}.errors"
+    cpus = sorted(os.sched_getaffinity(0))
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener, errors.open("w") as said:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # inherited when accepted
         listener.bind(("127.0.0.1", 0))
@@ -87,6 +89,8 @@ def start_board(node_id: int, elf: Path, folder: Path) -> Board:
         command = [
             # Should ./rig be killed outright, the boards do not stay.
             "setpriv", "--pdeathsig", "KILL",
+            # Its two threads hand each byte to one another: across processors that takes longer.
+            "taskset", "--cpu-list", str(cpus[node_id % len(cpus)]),
             "qemu-system-arm", "-M", "netduinoplus2", "-nodefaults", "-display", "none",
             "-kernel", str(elf),
             "-device", f"loader,file={page},addr={ADDRESSES[0]:#x},force-raw=on",
