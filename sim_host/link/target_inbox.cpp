@@ -15,6 +15,7 @@ namespace {
 constexpr const char *kChannel = "ARM_TARGET";
 constexpr int kReceiveBufferBytes = 1 << 18;
 constexpr std::int64_t kPeriod_us = 1000;
+constexpr int kLookedMax = 64; ///< datagrams a call takes in: a flood must not hold up the period
 
 struct CloseLog {
     void operator()(lcm_eventlog_t *log) const { lcm_eventlog_destroy(log); }
@@ -77,7 +78,7 @@ void TargetInbox::keep(const Request &request) {
 }
 
 void TargetInbox::look() {
-    for (;;) {
+    for (int looked = 0; looked < kLookedMax; ++looked) {
         const ssize_t length = recv(receiver_->fd, buffer_->datagram, sizeof buffer_->datagram, 0);
         if (length < 0) {
             return;

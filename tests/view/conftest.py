@@ -61,9 +61,9 @@ def process(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
 
 @contextmanager
 def sil_at_human_speed(url: str, log: Path) -> Iterator[subprocess.Popen[str]]:
-    """A run whose first reach lasts a minute."""
+    """A run whose first reach lasts ten minutes."""
     with process(
-        PROGRAMS["sil"], "--config", CONFIG / "clock.toml", "--set", "experiment.period_s=60",
+        PROGRAMS["sil"], "--config", CONFIG / "clock.toml", "--set", "experiment.period_s=600",
         "--realtime", "--lcm-url", url, "--log", log,
     ) as run:  # fmt: skip
         assert run.stdout is not None

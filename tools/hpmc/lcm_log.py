@@ -68,12 +68,11 @@ class LcmLog:
     def __init__(self, path: Path | str, *, tolerant: bool = False) -> None:
         self.path = Path(path)
         try:
-            size = self.path.stat().st_size
+            if self.path.stat().st_size == 0:
+                raise LogError(f"{self.path} is empty")
+            self._bytes = np.memmap(self.path, dtype=np.uint8, mode="r")
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from None
-        if size == 0:
-            raise LogError(f"{self.path} is empty")
-        self._bytes = np.memmap(self.path, dtype=np.uint8, mode="r")
         starts, self.damage = _find_events(self._bytes)
         if starts.size == 0:
             raise LogError(f"{self.path} is not an LCM log: it holds no whole event")

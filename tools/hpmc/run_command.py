@@ -272,7 +272,10 @@ def execute(experiment: Experiment, console: Console) -> Path:
             raise RunInterrupted(f"interrupted; the log up to there: {folder}")
         if outcome.reason:
             raise RunError(f"{outcome.reason}; the log up to there: {folder}")
-        write_results(experiment, configuration, outcome, folder, level, console)
+        try:
+            write_results(experiment, configuration, outcome, folder, level, console)
+        except (OSError, ValueError) as error:  # no room on the disk; a log without a whole reach
+            raise RunError(f"{error}; the log: {folder}") from error
     finally:
         if level == "none":
             for log in outcome.logs:

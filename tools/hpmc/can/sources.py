@@ -209,7 +209,11 @@ class Sandbox:
         assert self._process.stdout is not None
         chunk = os.read(self._process.stdout.fileno(), _PIPE_BYTES)
         if not chunk:
-            _, said = self._process.communicate()
+            try:
+                _, said = self._process.communicate(timeout=_END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                _, said = self._process.communicate()
             words = said.decode(errors="replace").strip().splitlines()
             raise SourceGone(f"{self.name} has gone{': ' + words[-1] if words else ''}")
         *lines, self._rest = (self._rest + chunk).split(b"\n")

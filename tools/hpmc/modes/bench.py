@@ -83,6 +83,8 @@ def check(experiment: Experiment, configuration: Configuration) -> None:
         raise ConfigurationError("--jobs: goes with --mode sil")
     if experiment.uml:
         raise ConfigurationError("--uml: goes with --mode vcan")
+    if experiment.lcm_url or experiment.targets:
+        raise ConfigurationError("--lcm-url and --targets: go with --mode sil and emulated")
     if experiment.fixed:
         raise ConfigurationError("--fixed: the boards have their own firmware in mode bench")
     if experiment.can is None:

@@ -20,7 +20,7 @@ def check(experiment: Experiment, configuration: Configuration) -> None:
     if experiment.jobs > 1:
         raise ConfigurationError("--jobs: goes with --mode sil")
     if experiment.lcm_url:
-        raise ConfigurationError("--lcm-url: goes with --mode sil")
+        raise ConfigurationError("--lcm-url: goes with --mode sil and emulated")
     if configuration.values["bus"]["command_delay_ms"] > 0:
         raise ConfigurationError("bus.command_delay_ms: goes with --mode sil")
 

@@ -11,6 +11,7 @@ from hpmc.run_folder import RunFolder
 JOINTS = ("shoulder", "elbow", "wrist")
 LINKS = ("elbow", "wrist", "hand")
 _HAND = 2
+_SYNC_PERIOD_US = 1000
 _SLOPE_S = 0.010  # to either side: hand velocity where only encoders tell it
 _STATE_FIELDS = (
     "utime", "x_t_m", "x_d_m", "v_d_m_s", "q_d_rad", "q_rad", "x_link_d_m", "x_link_m", "w_link_N",
@@ -92,10 +93,15 @@ def reaches_per_repetition(run: RunFolder, seen: int) -> int:
 
 def read_reach(run: RunFolder, place: ReachPlace) -> ReachSignals:
     """Raises LogError where less than three samples are left of it."""
-    # What the nodes measured at a SYNC is told a period later (bus.pipeline 1).
-    table = run.read("HPMC_STATE", _STATE_FIELDS, place.from_us / 1e6, place.to_us / 1e6 + 0.01)
-    inside = int(np.count_nonzero(table["utime"] <= place.to_us))
-    count = min(inside, len(table) - 1)
+    # What the nodes measured at a SYNC is told a period later; the command that acts there is as
+    # many periods old as the bus takes beyond the one of bus.pipeline 1.
+    bus = run.config.get("bus", {})
+    age = int(bus.get("pipeline", 1)) - 1 + int(bus.get("command_delay_ms", 0))
+    begin_us = place.from_us - age * _SYNC_PERIOD_US
+    table = run.read("HPMC_STATE", _STATE_FIELDS, begin_us / 1e6, place.to_us / 1e6 + 0.01)
+    age = int(np.count_nonzero(table["utime"] < place.from_us))
+    inside = int(np.count_nonzero(table["utime"] <= place.to_us)) - age
+    count = min(inside, len(table) - age - 1)
     if count < 3:
         raise LogError(f"reach {place.number} has less than three samples")
 
@@ -103,7 +109,8 @@ def read_reach(run: RunFolder, place: ReachPlace) -> ReachSignals:
         columns = [c.name for c in table.columns if c.name.partition("[")[0] == name]
         return np.stack([table[column] for column in columns], axis=1).reshape(-1, *shape)
 
-    now, told = slice(0, count), slice(1, count + 1)
+    now, told = slice(age, age + count), slice(age + 1, age + count + 1)
+    acting = slice(0, count)
     utime = table["utime"][now]
     links = shaped("x_link_m", 3, 2)[told]
     hand = links[:, _HAND]
@@ -116,12 +123,12 @@ def read_reach(run: RunFolder, place: ReachPlace) -> ReachSignals:
         planned_speed_m_s=_length(shaped("v_d_m_s", 2)[now]),
         hand_speed_m_s=speed,
         hand_speed_from=source,
-        joint_error_rad=shaped("q_d_rad", 3)[now] - shaped("q_rad", 3)[told],
+        joint_error_rad=shaped("q_d_rad", 3)[acting] - shaped("q_rad", 3)[told],
         link_error_m=_length(shaped("x_link_d_m", 3, 2)[now] - links),
         link_force_N=_length(shaped("w_link_N", 3, 2)[now]),
         wrench_N=_length(shaped("wrench_N", 2)[now]),
-        tau_d_Nm=shaped("tau_d_Nm", 3)[now],
-        tau_max_Nm=shaped("tau_max_Nm", 3)[now],
+        tau_d_Nm=shaped("tau_d_Nm", 3)[acting],
+        tau_max_Nm=shaped("tau_max_Nm", 3)[acting],
         tau_Nm=shaped("tau_Nm", 3)[told],
         convergence=(shaped("statusword", 3)[told].astype(np.int64) >> CONVERGENCE_BIT & 1) == 1,
         saturated=table["saturated"][now].astype(bool),

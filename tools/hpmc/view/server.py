@@ -55,9 +55,14 @@ class Outbox:
 
     def put(self, message: dict[str, Any]) -> None:
         pictures = [old for old in self._waiting if old["type"] == "states"]
-        if message["type"] == "states" and len(pictures) >= _WAITING_MAX:
-            self._waiting.remove(pictures[0])
-            self.skipped += 1
+        if message["type"] == "states" and message.get("reset"):
+            for old in pictures:  # of before the jump
+                self._waiting.remove(old)
+        elif message["type"] == "states" and len(pictures) >= _WAITING_MAX:
+            oldest = next((old for old in pictures if not old.get("reset")), None)
+            if oldest is not None:
+                self._waiting.remove(oldest)
+                self.skipped += 1
         self._waiting.append(message)
         self._something.set()
 
@@ -97,6 +102,7 @@ class LiveShow:
         self._hello: dict[str, Any] | None = None
         self._nodes: dict[str, dict[str, Any]] = {}
         self._lost = 0
+        self.seen = False  # something of the run
 
     async def follow(self, relay: Relay) -> None:
         """Passes the run on until it ends."""
@@ -116,6 +122,7 @@ class LiveShow:
             elif channel == "RELAY":
                 self._lost = json.loads(payload)["lost"]
         if states:
+            self.seen = True
             message = {
                 "type": "states",
                 "states": states,

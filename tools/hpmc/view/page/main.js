@@ -20,6 +20,7 @@ const nodesView = new NodesView(at("nodes"));
 let hello = null;
 let states = [];
 let nodes = [];
+const WAITING_MAX = 400; // more than a second at the server's rate
 let waiting = []; // states that came in and are to be shown in a moment: {due, state}
 let between = 50; // ms from message to message, live
 let arrival = performance.now();
@@ -67,6 +68,8 @@ function spread(arrived) {
   between = 0.9 * between + 0.1 * Math.min(now - arrival, 2 * between);
   arrival = now;
   arrived.forEach((state, i) => waiting.push({ due: now + (between * i) / arrived.length, state }));
+  // A page that is not seen draws nothing, but states still come in.
+  if (waiting.length > WAITING_MAX) waiting.splice(0, waiting.length - WAITING_MAX);
 }
 
 function release(now) {
