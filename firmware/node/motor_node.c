@@ -325,9 +325,10 @@ static void receive_lss(const motor_node_config_t *config, const can_frame_t *fr
         send(&response, node);
         break;
     case LSS_STORE: {
-        const bool stored =
-            node->memory != NULL && parameter_store_save(node->memory, PARAMETER_STORE_KEPT,
-                                                         &node->od, node->lss.pending_node_id);
+        /* Not under torque, as 1010h: writing the memory may take long. */
+        const bool stored = node->memory != NULL && !drive_has_output(&node->drive) &&
+                            parameter_store_save(node->memory, PARAMETER_STORE_KEPT, &node->od,
+                                                 node->lss.pending_node_id);
         node->stored_node_id = stored ? node->lss.pending_node_id : node->stored_node_id;
         response = lss_store_response(stored);
         send(&response, node);

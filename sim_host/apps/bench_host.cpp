@@ -137,15 +137,30 @@ void BenchHost::release_nodes() {
     read_bus(); // answers to these, and what was on the bus before
 }
 
+/// A quick stop before the run ends; what the bus then says does not hide the first cause.
+template <class Cycle> void BenchHost::stop_when_the_bus_fails(Cycle cycle) {
+    try {
+        cycle();
+    } catch (const LinkError &) {
+        try {
+            bus_.send(quick_stop_frames().data(), kNodes);
+        } catch (const LinkError &) { // the nodes' own deadline stops them
+        }
+        throw;
+    }
+}
+
 void BenchHost::check_encoders() {
     while (!output_.finished) {
         if (stop_signal_raised()) {
             encoder_check_.request_stop();
         }
         pacer_.wait();
-        read_bus();
-        encoder_check_.step(from_nodes_.frames.data(), from_nodes_.count, output_);
-        send();
+        stop_when_the_bus_fails([&] {
+            read_bus();
+            encoder_check_.step(from_nodes_.frames.data(), from_nodes_.count, output_);
+            send();
+        });
     }
     output_ = {};
 }
@@ -157,12 +172,7 @@ void BenchHost::run_experiment() {
         if (stop_signal_raised()) {
             cycle_.request_stop();
         }
-        try {
-            step(period);
-        } catch (const LinkError &) {
-            bus_.send(quick_stop_frames().data(), kNodes);
-            throw;
-        }
+        stop_when_the_bus_fails([&] { step(period); });
         say_progress(period, cycle_.schedule_point());
     }
 }

@@ -57,6 +57,7 @@ class BenchHost {
 
   private:
     void release_nodes();
+    template <class Cycle> void stop_when_the_bus_fails(Cycle cycle);
     void check_encoders();
     void run_experiment();
     void read_bus();

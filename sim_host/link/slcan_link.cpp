@@ -279,7 +279,7 @@ template <class Done> bool SlcanLink::take_until(Done done, PeriodFrames &frames
         if (done()) {
             return true;
         }
-        if (!fill() && !wait_for(POLLIN, until)) {
+        if (Clock::now() >= until || (!fill() && !wait_for(POLLIN, until))) {
             return false;
         }
     }
@@ -296,7 +296,7 @@ bool SlcanLink::skip_to(char command, Clock::time_point until) {
                 return true;
             }
         }
-        if (!fill() && !wait_for(POLLIN, until)) {
+        if (Clock::now() >= until || (!fill() && !wait_for(POLLIN, until))) {
             return false;
         }
     }
@@ -378,7 +378,7 @@ void SlcanLink::receive_available(PeriodFrames &frames) {
         while (buffer_first_ < buffer_end_) {
             take(buffer_[buffer_first_++], frames);
         }
-    } while (fill());
+    } while (frames.count < PeriodFrames::kMax && fill()); // the rest waits for the next call
 }
 
 } // namespace hpmc

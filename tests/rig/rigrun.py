@@ -18,7 +18,7 @@ from hpmc.layout import ROOT, WITH_VCAN
 from hpmc.lcm_log import LcmLog
 
 RIG = ROOT / "rig"
-LIMIT_S = 180
+LIMIT_S = 400  # of at most about 40 on a quiet machine
 JOINTS = (1, 2, 3)
 TORQUE_LIMIT_NM = (30.0, 20.0, 5.0)
 # 16 reaches in 4.45 s of simulated time, for what does not depend on how far a reach gets.
@@ -81,7 +81,11 @@ class RunningRig:
         os.killpg(self.process.pid, number)
 
     def wait(self) -> Run:
-        said, errors = self.process.communicate(timeout=LIMIT_S)
+        try:
+            said, errors = self.process.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            raise
         ended_at = time.time()
         own = [line for line in errors.splitlines(True) if not line.startswith("rig: ")]
         return Run(self.folder, self.process.returncode, said, "".join(own), ended_at)

@@ -153,3 +153,19 @@ void test_a_broken_memory_is_told(void) {
     fake.budget = 100;
     expect_abort(SDO_ABORT_HARDWARE, 0x1010, 0x65766173);
 }
+
+void test_nothing_is_stored_under_torque(void) {
+    rig_run();
+    rig_nmt(0x80); /* the bound ramps down, LSS is there already */
+    rig_step();
+    TEST_ASSERT_TRUE(rig.output.output_enabled);
+    lss(0x04, 1);
+    lss(0x17, 0);
+    expect_lss(0x17, 2);
+    for (int i = 0; i < 500; i++) {
+        rig_step();
+    }
+    TEST_ASSERT_FALSE(rig.output.output_enabled);
+    lss(0x17, 0);
+    expect_lss(0x17, 0);
+}

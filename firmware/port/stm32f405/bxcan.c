@@ -1,5 +1,7 @@
 #include "port/stm32f405/bxcan.h"
 
+#include <stdatomic.h>
+
 #include "canopen/lss.h"
 #include "canopen/sync.h"
 #include "node/motor_node.h"
@@ -155,6 +157,7 @@ static void put_into_ring(const can_frame_t *frame, bxcan_t *can) {
         return;
     }
     can->ring[head % BXCAN_RING_SIZE] = *frame;
+    atomic_signal_fence(memory_order_release);
     can->ring_head = head + 1U; /* last: the tick sees a whole frame */
     count(&can->counters.received);
 }
@@ -194,6 +197,8 @@ size_t bxcan_receive(bxcan_t *can, can_frame_t *frames, size_t size) {
         frames[taken++] = can->ring[tail % BXCAN_RING_SIZE];
         tail++;
     }
+    atomic_signal_fence(
+        memory_order_release); /* the copies are made before their places are free */
     can->ring_tail = tail;
     return taken;
 }

@@ -58,6 +58,7 @@ clock_tree_t clock_init(void) {
         return crystal;
     }
     register_modify(RCC_CFGR, RCC_CFGR_SW, 0);
+    (void)register_wait(RCC_CFGR, RCC_CFGR_SWS, 0, ATTEMPTS); /* before its source goes */
     register_modify(RCC_CFGR, RCC_CFGR_HPRE | RCC_CFGR_PPRE1 | RCC_CFGR_PPRE2, 0);
     register_clear(RCC_CR, RCC_CR_HSEON | RCC_CR_PLLON);
     return internal;

@@ -72,6 +72,7 @@ static bool write_bytes(void *context, uint8_t copy, size_t offset, const uint8_
                         size_t size) {
     (void)context;
     bool done = unlock();
+    watchdog_feed(); /* a save keeps main waiting for longer than its window on a slow flash */
     for (size_t i = 0; done && i < size; i++) {
         register_write(FLASH_CR, FLASH_CR_PG); /* PSIZE 0: byte by byte, at any supply voltage */
         *(volatile uint8_t *)(uintptr_t)address_of(copy, offset + i) = data[i];

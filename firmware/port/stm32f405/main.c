@@ -29,9 +29,10 @@
 /* SysTick's beat: the supervisor's, and on the internal oscillator, where no torque depends on it,
  * the joint tick's. */
 #define BEAT_us 10000U
-/* 50 ms; on the internal oscillator, where the amplifier stays off, 2 s: an emulator's clock may
- * run ten times as fast as its core. */
-#define SUPERVISOR_BEATS 5U
+/* 200 ms, since a save on the slowest flash takes 60 (the watchdog bites before, after 20 to 56 ms,
+ * and is fed by the save); on the internal oscillator, where the amplifier stays off, 2 s: an
+ * emulator's clock may run ten times as fast as its core. */
+#define SUPERVISOR_BEATS 20U
 #define SUPERVISOR_BEATS_OFF 200U
 
 void main_prepare(void); /* of startup.c, as main */
@@ -64,10 +65,12 @@ static bool is_stepped(void) {
     return node.od.time_base != 0U;
 }
 
-/** Off the bench's clock the amplifier stays off: the torque is told over the bus alone. */
+/** Off the bench's clock, or without its sensors, the amplifier stays off: the torque is told over
+ * the bus alone. */
 static void act(void) {
     joint_io_write(&node.od, output.torque_mNm,
-                   output.output_enabled && !is_stepped() && clock.crystal);
+                   output.output_enabled && !is_stepped() && node.od.sensor_source == 0U &&
+                       clock.crystal);
 }
 
 static void send_text(void) {

@@ -57,8 +57,13 @@ void interrupt_usart1(void) {
 
 usart_event_t usart_receive(uint8_t *byte) {
     const uint16_t tail = receive_tail;
-    if (lost && tail == lost_at) {
+    const uint32_t before = interrupts_block(); /* the handler may lose the next one just now */
+    const bool told = lost && tail == lost_at;
+    if (told) {
         lost = false;
+    }
+    interrupts_restore(before);
+    if (told) {
         return USART_LOST;
     }
     if (tail == receive_head) {

@@ -153,5 +153,13 @@ def await_end(sil: Child, started: list[Board]) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
             sil.process.wait(WATCH_S)
         # sil sees the line of a board that ended closed, and ends by itself.
-        reason = reason or next(filter(None, (board.why_ended() for board in started)), "")
+        reason = reason or why_a_board_ended(started)
+    if sil.process.returncode not in (0, -signal.SIGINT) and not reason:
+        time.sleep(WATCH_S)  # a killed board's line may close before its end can be seen
+        reason = why_a_board_ended(started)
     return reason
+
+
+def why_a_board_ended(started: list[Board]) -> str:
+    """Empty while all run."""
+    return next(filter(None, (board.why_ended() for board in started)), "")
