@@ -49,6 +49,7 @@ static void power_on_values(const motor_node_config_t *config, uint8_t node_id,
     if (config->serial_number != 0U) {
         od->identity_object_serial_number = config->serial_number;
     }
+    od->frame_link = config->frame_link;
     if (config->software_version != NULL) {
         od->manufacturer_software_version = config->software_version;
     }

@@ -54,6 +54,7 @@ typedef struct {
     const char *software_version;     /**< 100Ah; NULL: version and protocol hash */
     uint8_t sensor_source;            /**< 2F00h at the begin: 0 at power-on */
     uint8_t time_base;                /**< 2F01h at the begin: 0 at power-on */
+    uint8_t frame_link;               /**< 2107h: 0 CAN, 1 or 2 the serial line, and why */
 } motor_node_config_t;
 
 typedef struct {

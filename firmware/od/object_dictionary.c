@@ -128,6 +128,7 @@ const od_entry_t object_dictionary_entries[OD_ENTRY_COUNT] = {
     {0x2106U, 5U, OD_U16, OD_RW, AT(joint_hardware_temperature_zero_mV), 0x0U, 0xCE4U},
     {0x2106U, 6U, OD_I16, OD_RW, AT(joint_hardware_temperature_uV_per_K), 0xFFFF8000U, 0x7FFFU},
     {0x2106U, 7U, OD_U8, OD_RW, AT(joint_hardware_encoder_reversed), 0x0U, 0x1U},
+    {0x2107U, 0U, OD_U8, OD_RO, AT(frame_link), 0x0U, 0xFFU},
     {0x2200U, 0U, OD_U16, OD_RO, AT(limit_reasons), 0x0U, 0xFFFFU},
     {0x2201U, 0U, OD_U8, OD_CONST, 0U, 0x9U, 0x9U},
     {0x2201U, 1U, OD_U16, OD_RO, AT(counters_missed_sync), 0x0U, 0xFFFFU},
@@ -267,6 +268,7 @@ void object_dictionary_init(uint8_t node_id, object_dictionary_t *od) {
     od->joint_hardware_temperature_zero_mV = 500U;
     od->joint_hardware_temperature_uV_per_K = 10000;
     od->joint_hardware_encoder_reversed = 0U;
+    od->frame_link = 0U;
     od->limit_reasons = 0U;
     od->counters_missed_sync = 0U;
     od->counters_duplicate_sync = 0U;

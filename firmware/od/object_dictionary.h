@@ -12,12 +12,12 @@
 #include <stdint.h>
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-#define OD_PROTOCOL_HASH 0x0E78D0B4U
-#define OD_PROTOCOL_HASH_TEXT "0e78d0b4"
+#define OD_PROTOCOL_HASH 0x317E9BBBU
+#define OD_PROTOCOL_HASH_TEXT "317e9bbb"
 /** Without that hash. */
 #define OD_SOFTWARE_VERSION "0.1.0"
 
-#define OD_ENTRY_COUNT 184U
+#define OD_ENTRY_COUNT 185U
 
 #define OD_DEVICE_TYPE 0x1000U
 #define OD_ERROR_REGISTER 0x1001U
@@ -57,6 +57,7 @@
 #define OD_HOMING 0x2104U
 #define OD_DERATING 0x2105U
 #define OD_JOINT_HARDWARE 0x2106U
+#define OD_FRAME_LINK 0x2107U
 #define OD_LIMIT_REASONS 0x2200U
 #define OD_COUNTERS 0x2201U
 #define OD_MOTOR_TEMPERATURE 0x2202U
@@ -192,6 +193,7 @@ typedef struct {
     uint16_t joint_hardware_temperature_zero_mV; /**< 2106h:05, mV */
     int16_t joint_hardware_temperature_uV_per_K; /**< 2106h:06, uV/K */
     uint8_t joint_hardware_encoder_reversed; /**< 2106h:07 */
+    uint8_t frame_link; /**< 2107h:00 */
     uint16_t limit_reasons; /**< 2200h:00 */
     uint16_t counters_missed_sync; /**< 2201h:01 */
     uint16_t counters_duplicate_sync; /**< 2201h:02 */

@@ -12,9 +12,9 @@
 namespace motor_node_od {
 
 /** First 8 hexadecimal digits of the SHA-256 of motor_node.eds. */
-inline constexpr std::string_view kProtocolHash = "0e78d0b4";
+inline constexpr std::string_view kProtocolHash = "317e9bbb";
 /** What object 100Ah of a node with this dictionary says. */
-inline constexpr std::string_view kSoftwareVersion = "0.1.0+0e78d0b4";
+inline constexpr std::string_view kSoftwareVersion = "0.1.0+317e9bbb";
 
 enum class Type : std::uint8_t { kI8, kI16, kI32, kU8, kU16, kU32, kString };
 
@@ -164,6 +164,7 @@ inline constexpr Entry kJointHardwareCurrentMAPerV{0x2106, 4, Type::kU16}; // mA
 inline constexpr Entry kJointHardwareTemperatureZeroMV{0x2106, 5, Type::kU16}; // mV
 inline constexpr Entry kJointHardwareTemperatureUVPerK{0x2106, 6, Type::kI16}; // uV/K
 inline constexpr Entry kJointHardwareEncoderReversed{0x2106, 7, Type::kU8};
+inline constexpr Entry kFrameLink{0x2107, 0, Type::kU8};
 inline constexpr Entry kLimitReasons{0x2200, 0, Type::kU16};
 inline constexpr Entry kCountersHighestSubIndexSupported{0x2201, 0, Type::kU8};
 inline constexpr Entry kCountersMissedSync{0x2201, 1, Type::kU16};

@@ -87,7 +87,9 @@ def expect_reset(board: Emulator, cause: int, resets: int = 1) -> None:
 
 def test_version(boards: Boards, image: Path) -> None:
     block = verify(image.with_suffix(".bin").read_bytes())
-    assert boards(image).read_text(NODE, 0x100A) == block.object_100a()
+    board = boards(image)
+    assert board.read_text(NODE, 0x100A) == block.object_100a()
+    assert board.read(NODE, 0x2107, 0) == 1  # no crystal there: no CAN, and the board says so
 
 
 def test_serial_number_and_node_id_from_the_page(boards: Boards, float_image: Path) -> None:

@@ -58,7 +58,7 @@ FAULTS: dict[str, Fault] = {
     "sub 0 type": ("2101sub0", "UNSIGNED8", "2101sub0", "0x0005", "0x0006"),
     "sub 0 value": ("2101sub0", "highest", "2101sub0", "Value=2", "Value=3"),
     "errors": ("1003sub0", "8 places", "1003sub0", "Value=0", "Value=9"),
-    "stray sub": ("2107sub2", "no section [2107]", "2101sub2", "[2101sub2]", "[2107sub2]"),
+    "stray sub": ("2108sub2", "no section [2108]", "2101sub2", "[2101sub2]", "[2108sub2]"),
     "subs of a variable": ("2101", "variable", "2101", "ObjectType=0x9", "ObjectType=0x7"),
     "bad section": ("2101su2", "not the name", "2101sub2", "[2101sub2]", "[2101su2]"),
     "maps nothing": ("1600sub2", "6070h", "1600sub2", "0x60710010", "0x60700010"),
@@ -151,7 +151,7 @@ def test_python_canopen_reads_it_without_a_warning(caplog: pytest.LogCaptureFixt
         warnings.simplefilter("error")
         dictionary = canopen.import_od(str(EDS), node_id=3)
     assert caplog.records == []
-    assert len(dictionary) == 3 + 57 + 14
+    assert len(dictionary) == 3 + 57 + 15
     assert dictionary[0x1400][1].default == 0x203
     assert dictionary.device_information.nr_of_RXPDO == 3
 

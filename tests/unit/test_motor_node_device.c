@@ -170,3 +170,11 @@ void test_a_node_that_has_to_wait_for_its_node_id_tells_its_reset_then(void) {
     TEST_ASSERT_EQUAL_UINT8(1, rig.node.od.pre_defined_error_field_number_of_errors);
     TEST_ASSERT_EQUAL_HEX32(0x6010, rig.node.od.pre_defined_error_field[0]);
 }
+
+void test_what_carries_the_frames_is_told_by_the_port(void) {
+    rig.config.frame_link = 2;
+    motor_node_init(&rig.config, &rig.node);
+    rig_read(0x2107, 0);
+    rig_step();
+    TEST_ASSERT_EQUAL_UINT8(2, rig_sent(0x582)->data[4]);
+}

@@ -26,6 +26,10 @@
 #include "port/stm32f405/watchdog.h"
 
 #define ELAPSED_MAX_us 1000000U
+/* Object 2107h. */
+#define LINK_CAN 0U
+#define LINK_SERIAL_OSCILLATOR 1U
+#define LINK_SERIAL_NO_CONTROLLER 2U
 /* SysTick's beat: the supervisor's, and on the internal oscillator, where no torque depends on it,
  * the joint tick's. */
 #define BEAT_us 10000U
@@ -236,6 +240,7 @@ static void configure(void) {
         .supervisor_reset = after_fault,
         .image_damaged = !version_block_image_is_whole(),
         .clock_fallback = !clock.crystal,
+        .frame_link = clock.crystal ? LINK_CAN : LINK_SERIAL_OSCILLATOR,
         .memory = &flash_pages,
         .crash = &crash,
         .software_version = software_version,
@@ -254,6 +259,8 @@ void main_prepare(void) {
     filtered_id = node.node_id;
     if (clock.crystal) {
         on_can = bxcan_start(filtered_id, &can) != BXCAN_ABSENT;
+        config.frame_link = on_can ? LINK_CAN : LINK_SERIAL_NO_CONTROLLER;
+        node.od.frame_link = config.frame_link;
     }
     (void)watchdog_start(WATCHDOG_WINDOW_MOVING_us);
 }
