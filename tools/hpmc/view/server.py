@@ -102,7 +102,6 @@ class LiveShow:
         self._hello: dict[str, Any] | None = None
         self._nodes: dict[str, dict[str, Any]] = {}
         self._lost = 0
-        self.seen = False  # something of the run
 
     async def follow(self, relay: Relay) -> None:
         """Passes the run on until it ends."""
@@ -122,7 +121,6 @@ class LiveShow:
             elif channel == "RELAY":
                 self._lost = json.loads(payload)["lost"]
         if states:
-            self.seen = True
             message = {
                 "type": "states",
                 "states": states,
