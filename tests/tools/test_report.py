@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from synthetic_log import message_types, write_clock_log
 
-from hpmc.layout import ROOT
+from hpmc.layout import CONFIG, PROGRAMS, ROOT
 from hpmc.report import command
 from hpmc.report.charts import period_chart
 from hpmc.report.command import make_page
@@ -193,6 +193,29 @@ def test_reach_has_the_signals_of_the_log_at_one_sync(run: Path) -> None:
     assert np.allclose(signals.hand_m[:, 0], arm["hand_m[0]"], atol=1e-4)
     assert np.allclose(signals.hand_speed_m_s, np.hypot(arm["hand_m_s[0]"], arm["hand_m_s[1]"]))
     assert 0.05 < signals.convergence.mean() < 0.95
+
+
+def test_reach_allows_for_the_age_of_the_command(tmp_path: Path) -> None:
+    """The command that acts at a SYNC is the RPDO1 before it on the bus, however old."""
+    subprocess.run(
+        [PROGRAMS["sil"], "--config", CONFIG / "clock.toml", "--set", "experiment.period_s=0.3",
+         "--set", "bus.pipeline=2", "--set", "bus.command_delay_ms=3",
+         "--log", tmp_path / "run.lcmlog"],
+        check=True, capture_output=True, timeout=60,
+    )  # fmt: skip
+    folder = RunFolder(tmp_path)
+    place = find_reaches(folder)[3]
+    acting, newest = [], 0
+    for message in folder.messages("CAN_FRAMES"):
+        for frame in message["frames"]:
+            if frame["id"] == 0x080 and place.from_us <= message["utime"] <= place.to_us:
+                acting.append(newest)
+            elif frame["id"] == 0x201:
+                newest = int.from_bytes(bytes(frame["data"][:4]), "little", signed=True)
+    arm = folder.read("ARM_STATE", ["q_rad"], place.from_us / 1e6, place.to_us / 1e6)
+    error = np.array(acting) * 2 * np.pi / 65536 - arm["q_rad[0]"]
+    assert np.ptp(error) > 1e-3
+    assert np.allclose(read_reach(folder, place).joint_error_rad[:, 0], error, atol=1.1e-4)
 
 
 def test_reach_is_the_worst_or_the_one_asked_for(run: Path, page: str, rig: Rig) -> None:
